@@ -10,6 +10,11 @@ A block adds to the program (octoplan.planner.program) any of
     misses         expressions whose squares the relaxed program minimises
     objectives     expressions whose sum replaces the effort
 
+A new constraint is a subclass of Block. A strategy (octoplan.planner.strategy) passes blocks to
+`RelaxationStage(blocks=...)` and stores their `Constraints` in `Solution.avoidance`, so that the
+plan states the same program again; octoplan.planner.extensions.avoidance is an example. A target
+needs no block of its own: octoplan.planner.targets.target_rows states the rows of all targets.
+
 A block is a frozen dataclass. Its compared fields are its structure: two equal blocks add the same
 expressions to a program. Fields with `compare=False` are numbers, which a program never reads.
 
@@ -20,7 +25,7 @@ defect is added to rows, not to bounds of unknowns, and expressions of targets h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
@@ -34,6 +39,9 @@ from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Places
 from octoplan.model.shape import Shape
 
+# Smallest multiplier of an active limit [-].
+ACTIVE = 1e-9
+
 
 class Rows(NamedTuple):
     """Rows of one kind: lower <= value (n,) <= upper."""
@@ -45,11 +53,15 @@ class Rows(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Columns of expressions that a block adds to rows and objective."""
+    """Columns of expressions that a block adds to rows and objective.
+
+    `effort` replaces the norm of the tensions, if it is not None.
+    """
 
     rows: Sequence[Rows] = ()
     misses: Sequence[ca.MX] = ()
     objectives: Sequence[ca.MX] = ()
+    effort: ca.MX | None = None
 
 
 class ProgramView(NamedTuple):
@@ -64,9 +76,9 @@ class ProgramView(NamedTuple):
     poses : dict of (7,)
         Pose at each station, by its arc length [m]; the defect is added.
     compliances : (n,)
-        Compliances of all responses, column by column [m/N]; the defect is added.
+        Compliances from all blocks, matrix by matrix and column by column [m/N]; with defect.
     decisions, measured, parameters : (n,)
-        Those of the block; the defect is added to `measured`.
+        Decisions, measurements and parameters of the block; the defect is added to `measured`.
     """
 
     T: ca.MX
@@ -85,9 +97,13 @@ class Block:
     ----------
     is_linear : bool
         Whether the equations of the dependents are linear in the dependents.
+    mesh_reduces_defect : bool
+        Whether a finer mesh of the program reduces the defect of the measurements. The stability of
+        a settled shape is evaluated on the mesh of this shape, so that its defect remains.
     """
 
     is_linear: ClassVar[bool] = True
+    mesh_reduces_defect: ClassVar[bool] = True
 
     @property
     def n_decisions(self) -> int:
@@ -131,8 +147,12 @@ class Block:
         """Return the measurements (n_measured,), from unknowns in SI units."""
         return ca.MX(0, 1)
 
+    def compliances(self, measured: ca.MX) -> ca.MX:
+        """Return the measurements that are compliances for targets (n,) [m/N], with defect."""
+        return ca.MX(0, 1)
+
     def parts(self, view: ProgramView) -> Parts:
-        """Return rows, misses and objectives."""
+        """Return rows, misses, objectives and effort."""
         return Parts()
 
     # Numbers.
@@ -144,6 +164,15 @@ class Block:
     def bounds(self) -> Mapping[str, tuple[Array | float, Array | float]]:
         """Return lower and upper bounds by kind of row, if these are numbers of the block."""
         return {}
+
+    def active_limits(
+        self, arm: Arm, multipliers: Callable[[str], Array]
+    ) -> list[tuple[float, str]]:
+        """Return priority and name of each active limit, for the outcome of a plan.
+
+        `multipliers` returns the multipliers of the rows of a kind.
+        """
+        return []
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
         """Return the parameters (n_c, N) of each placed kernel."""

@@ -1,50 +1,38 @@
-"""Blocks of the program: least stretch, limits of tensions, strokes, stability and stiffness.
+"""Blocks of the program: least stretch, limits of tensions, lengths of the tendons.
 
-    least stretch     1 + q >= 1e-3, at one place of each segment
-    largest tension   unknown T_max:        T_max - T_j >= 0
+    least stretch     1 + q >= 1e-3, at one place of each segment; only with extension
+    largest tension   unknown T_max:    T_max - T_j >= 0
     total pull        sum_j T_j <= limit
-    responses         unknowns Y:           dr/dx Y + dr/dp f = 0,   compliance D^T Y_tip
-    stability margin  unknowns y, sigma:    dr/dS y - sigma B y = 0,   |y| = 1,   sigma >= margin
-    tendon lengths    unknowns l_j:         integral of |c_j'| - l_j = 0,   l_min <= l_j <= l_max
+    tendon lengths    unknowns l_j:     integral of |c_j'| - l_j = 0,   l_min <= l_j <= l_max
 
-r are the equations of equilibrium, x all their unknowns and S the states among these; f is a small
-force on the tip, y the least stable mode, B the stiffness of the body at rest, and c_j the curve of
-a tendon. The products with dr/dx are assembled from linearised kernels.
+c_j is the curve of tendon j. Larger blocks are in octoplan.planner.responses (compliance of the
+tip) and octoplan.planner.least_mode (stability margin).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.law import CrossSection, size
-from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.stability import least_modes, rest_stiffness
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.equations import Term
 from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.nodes import POSE
-from octoplan.model.rod.tendons import tendon_length
 from octoplan.model.shape import Shape
 from octoplan.model.support.machine.functions import cached
-from octoplan.model.tendons import least_compliance
-from octoplan.planner.block import Block, Parts, ProgramView, Rows
-from octoplan.planner.linearised_kernel import linearised, linearised_in
-from octoplan.planner.targets.base import ComplianceRequest
-from octoplan.planner.targets.target_set import tip_compliance
+from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows
 
 # Kinds of rows.
 STRETCH = "stretch"
 PEAK = "peak"
 TOTAL_PULL = "total pull"
-STABILITY = "stability"
 STROKES = "strokes"
 # Least stretch 1 + q of a plan [-].
 PLANNED_STRETCH = 1e-3
@@ -135,8 +123,16 @@ class LeastStretch(Block):
         """Return 1 + q >= PLANNED_STRETCH."""
         return Parts([Rows(STRETCH, view.measured, PLANNED_STRETCH)])
 
+    def active_limits(
+        self, arm: Arm, multipliers: Callable[[str], Array]
+    ) -> list[tuple[float, str]]:
+        """Return the collapse of the body, if some multiplier is not zero."""
+        is_active = multipliers(STRETCH).min(initial=0.0) < -ACTIVE
+        name = "the body, which would be crushed (1 + q at its least)"
+        return [(np.inf, name)] if is_active else []
+
     def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
-        """Return the stretches of a shape; those far from collapse as they are on the mesh."""
+        """Return the stretches of a shape; stretches far from collapse as on the mesh."""
         stretches = on_mesh.copy()
         near = stretches <= FAR_FROM_COLLAPSE
         if near.any():
@@ -151,10 +147,10 @@ class PeakTension(Block):
     n_decisions = 1
 
     def parts(self, view: ProgramView) -> Parts:
-        """Return T_max - T >= 0."""
+        """Return T_max - T >= 0, and T_max as the effort."""
         # CasADi loses derivatives of a scalar minus a vector with respect to the scalar.
         T_max = ca.repmat(view.decisions, view.T.numel(), 1)
-        return Parts([Rows(PEAK, T_max - view.T)])
+        return Parts([Rows(PEAK, T_max - view.T)], effort=view.decisions)
 
     def initial_decisions(self, T: Array) -> Array:
         """Return the largest of the tensions."""
@@ -178,232 +174,6 @@ class TotalPull(Block):
 
 
 @dataclass(frozen=True)
-class Responses(Block):
-    """Responses of the rod to small forces on the tip, for the compliance of a target.
-
-    A response is the change Y of all unknowns of the rod: the equations of equilibrium are
-    linearised along Y. Tensions, or the lengths of the tendons, are constant.
-
-    Attributes
-    ----------
-    layout : Layout
-    request : ComplianceRequest
-    directions : (3, width)
-        Directions of the forces.
-    force : float
-        Magnitude of the forces [N].
-    """
-
-    layout: Layout
-    request: ComplianceRequest
-    directions: Array = field(compare=False)
-    force: float = field(compare=False)
-
-    @property
-    def n_dependents(self) -> int:
-        """See Block."""
-        return self.request.width * self.layout.n_x
-
-    @property
-    def n_measured(self) -> int:
-        """See Block."""
-        return self.request.width**2
-
-    @property
-    def n_parameters(self) -> int:
-        """See Block."""
-        return 3 * self.request.width + 1
-
-    def parameters(self) -> Array:
-        """Return directions, column by column, and magnitude of the forces."""
-        return np.append(self.directions.ravel("F"), self.force)
-
-    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
-        """Return the linearised equations of each response."""
-        shifts = np.arange(self.request.width) * self.layout.n_x
-        each = [self._response(rod, unknown + shift, row + shift) for shift in shifts.tolist()]
-        return [term for terms in each for term in terms]
-
-    def _response(self, rod: Places, unknown: int, row: int) -> list[Term]:
-        """Return equilibrium, then the constant load factor, lengths and tensions."""
-        layout, terms = self.layout, list[Term]()
-        for term in layout.equations.terms:
-            unknowns = np.vstack([rod[term.unknowns], unknown + term.unknowns])
-            terms.append(Term(linearised(term.kernel), unknowns, row + term.rows))
-        n, row = layout.n_tendons, row + layout.n_states
-        load = np.array([[n]])
-        terms.append(Term(cached(_product), unknown + load, row + load))
-        if self.request.hold == "length":
-            (lengths,) = layout.lengths.terms
-            changes = unknown + lengths.unknowns, unknown + lengths.rows
-            unknowns = np.vstack([rod[lengths.unknowns], *changes, rod[lengths.rows]])
-            kernel = cached(_locked_tendon, layout.structure.law)
-            terms.append(Term(kernel, unknowns, row + lengths.rows))
-        tensions = np.arange(n)[None, :]
-        return [*terms, Term(cached(_product), unknown + tensions, row + tensions)]
-
-    def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
-        """See Block. The force is a change of the dead force on the elements."""
-        columns, of_rod = list[Array](), equilibrium_parameters(rod)
-        for direction in self.directions.T:
-            for term, values in zip(rod.layout.equations.terms, of_rod, strict=True):
-                change = np.zeros_like(values)
-                if term.kernel.name == "element":
-                    change[term.kernel.slices["force"]] = self.force * direction[:, None]
-                columns.append(np.vstack([values, change]))
-            columns.append(np.ones((1, 1)))
-            factor = 1.0
-            if self.request.hold == "length":
-                lengths, EA = rod.length_p.reshape(-1, 5).T, self.request.tendon_EA
-                compliance = np.full((1, lengths.shape[1]), 0.0 if EA is None else 1 / EA)
-                columns.append(np.vstack([lengths, compliance]))
-                factor = -least_compliance(rod.arm)
-            columns.append(np.full((1, self.layout.n_tendons), factor))
-        return columns
-
-    def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
-        """See Block."""
-        state, row = equilibrium_scales(rod)
-        force, n, width = rod.arm.bending_force, self.layout.n_tendons, self.request.width
-        length = rod.arm.length if self.request.hold == "length" else force
-        unknowns = np.concatenate([np.full(n + 1, force), state])
-        rows = np.concatenate([row, np.full(n, length), [1.0]])
-        return np.tile(unknowns, width), np.tile(rows, width)
-
-    def measure(self, states: ca.MX, dependents: ca.MX, parameters: ca.MX) -> ca.MX:
-        """Return the compliance D^T Y_tip / force, column by column [m/N]."""
-        width = self.request.width
-        D = ca.reshape(parameters[: 3 * width], 3, width)
-        Y = ca.reshape(dependents, self.layout.n_x, width)
-        tip = self.layout.n_before_states + self.layout.nodes[-1, 4:POSE]
-        return ca.vec(D.T @ Y[tip.tolist(), :] / parameters[-1])
-
-    def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
-        """Return the compliance of a shape."""
-        return tip_compliance(shape, self.request, self.directions).ravel()
-
-    def measurement_scales(self, arm: Arm) -> Array:
-        """See Block."""
-        return np.full(self.n_measured, arm.length / arm.bending_force)
-
-
-def _locked_tendon(law: CrossSection) -> Kernel:
-    """Return the kernel of a locked tendon: change of its path minus change of its own length.
-
-    Unknowns: strains, their changes, change of the tension, tension. Parameters: path and weight,
-    1 / EA of the tendon, which is as long as its path under its tension.
-    """
-    kernel = cached(tendon_length, law)
-    change = ca.SX.sym("change", size(law))
-    tension_change, tension = ca.SX.sym("tension_change"), ca.SX.sym("tension")
-    compliance = ca.SX.sym("compliance")
-    stretch = kernel.r * compliance / (1 + compliance * tension)
-    r = ca.jtimes(kernel.r, kernel.y, change) - stretch * tension_change
-    y = ca.vertcat(kernel.y, change, tension_change, tension)
-    return Kernel("locked", y, kernel.parameters | {"compliance": compliance}, r)
-
-
-@dataclass(frozen=True)
-class LeastMode(Block):
-    """A lower bound on the eigenvalue sigma of the least stable mode y.
-
-    y is a change of the states with dr/dS y = sigma B y, and sigma an eigenvalue of the scaled
-    Hessian of the energy (octoplan.model.equilibrium.stability): 1 at rest, 0 at buckling.
-
-    Attributes
-    ----------
-    layout : Layout
-    margin : float
-        Least eigenvalue.
-    """
-
-    layout: Layout
-    margin: float = field(compare=False)
-    n_measured = 1
-    is_linear = False
-
-    @property
-    def n_dependents(self) -> int:
-        """See Block."""
-        return self.layout.n_states + 1
-
-    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
-        """Return dr/dS y - sigma B y, and the norm of y."""
-        layout, terms = self.layout, list[Term]()
-        for term in layout.equations.terms:
-            changing = tuple(np.flatnonzero(term.unknowns[:, 0] >= layout.n_before_states).tolist())
-            changes = unknown + term.unknowns[list(changing)] - layout.n_before_states
-            unknowns = np.vstack([rod[term.unknowns], changes])
-            kernel = linearised_in(term.kernel, changing)
-            terms.append(Term(kernel, unknowns, row + term.rows))
-        strains, last = np.ravel(layout.stages), layout.n_states
-        products = np.stack([np.full(strains.size, unknown + last), unknown + strains])
-        norm = np.full((1, strains.size), row + last)
-        terms.append(Term(cached(_mode_stiffness), products, row + strains[None, :]))
-        terms.append(Term(cached(_mode_norm), unknown + strains[None, :], norm))
-        return terms
-
-    def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
-        """See Block. Those of the norm follow the iterate, see `kernel_updates`."""
-        stiffness = rest_stiffness(rod)[1]
-        norm = np.zeros((2, stiffness.size))
-        return [*equilibrium_parameters(rod), -stiffness[None, :], norm]
-
-    def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> ParameterValues:
-        """Return the weights of the norm: the mode's projection on the mode of the iterate is 1.
-
-        Modes are orthogonal with respect to B, so that no other mode satisfies this equation.
-        """
-        strains = dependents[np.ravel(self.layout.stages)]
-        B_y = rest_stiffness(rod)[1] * strains
-        weight = B_y / (B_y @ strains)
-        return {"mode_norm": {"weight": weight, "share": np.full(B_y.size, 1 / B_y.size)}}
-
-    def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
-        """See Block."""
-        state, row = equilibrium_scales(rod)
-        return np.append(state, 1.0), np.append(row, 1.0)
-
-    def measure(self, states: ca.MX, dependents: ca.MX, parameters: ca.MX) -> ca.MX:
-        """Return sigma."""
-        return dependents[-1]
-
-    def parts(self, view: ProgramView) -> Parts:
-        """Return sigma >= margin."""
-        return Parts([Rows(STABILITY, view.measured)])
-
-    def bounds(self) -> Mapping[str, tuple[Array | float, Array | float]]:
-        """Return the margin as lower bound."""
-        return {STABILITY: (self.margin, np.inf)}
-
-    def initial_dependents(self, equilibrium: Equilibrium) -> Array:
-        """Return mode and eigenvalue of an equilibrium; the scaled strains have norm 1."""
-        rod, strains = equilibrium.system, np.ravel(self.layout.stages)
-        values, y = least_modes(equilibrium, 1)
-        scaled = y[strains, 0] / equilibrium_scales(rod)[0][strains]
-        norm = np.sqrt(rest_stiffness(rod)[0] / rod.arm.length @ scaled**2)
-        return np.append(y[:, 0] / norm, values)
-
-    def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
-        """Return the stability of a shape."""
-        return np.array([shape.stability])
-
-
-def _mode_stiffness() -> Kernel:
-    """Return the kernel of an eigenvalue times a stiffness and a strain."""
-    y, stiffness = ca.SX.sym("y", 2), ca.SX.sym("stiffness")
-    return Kernel("mode_stiffness", y, {"stiffness": stiffness}, stiffness * y[0] * y[1])
-
-
-def _mode_norm() -> Kernel:
-    """Return the kernel of one term of the norm of a mode, minus its share of the norm 1."""
-    y = ca.SX.sym("y")
-    weight = ca.SX.sym("weight")
-    share = ca.SX.sym("share")
-    return Kernel("mode_norm", y, {"weight": weight, "share": share}, weight * y - share)
-
-
-@dataclass(frozen=True)
 class TendonLengths(Block):
     """Limits on the lengths of the tendons over the arm's length.
 
@@ -412,14 +182,16 @@ class TendonLengths(Block):
     layout : Layout
     arm_length : float
         [m].
-    lower, upper : (n_tendons,)
-        l_min and l_max over the arm's length.
+    zero : (n_tendons,)
+        Lengths of the tendons at stroke 0 [m].
+    strokes : (2, n_tendons)
+        Smallest and largest strokes [m]: l_max = zero - smallest, l_min = zero - largest.
     """
 
     layout: Layout
     arm_length: float = field(compare=False)
-    lower: Array = field(compare=False)
-    upper: Array = field(compare=False)
+    zero: Array = field(compare=False)
+    strokes: Array = field(compare=False)
     n_parameters = 1
 
     @property
@@ -441,7 +213,7 @@ class TendonLengths(Block):
         (runs,) = self.layout.lengths.terms
         each = np.arange(self.n_dependents)[None, :]
         path = Term(runs.kernel, rod[runs.unknowns], row + runs.rows)
-        return [path, Term(cached(_product), unknown + each, row + each)]
+        return [path, Term(cached(product), unknown + each, row + each)]
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
         """See Block."""
@@ -461,15 +233,26 @@ class TendonLengths(Block):
         return Parts([Rows(STROKES, view.measured, -np.inf)])
 
     def bounds(self) -> Mapping[str, tuple[Array | float, Array | float]]:
-        """Return l_min and l_max."""
-        return {STROKES: (self.lower, self.upper)}
+        """Return l_min and l_max over the arm's length."""
+        upper, lower = (self.zero - self.strokes) / self.arm_length
+        return {STROKES: (lower, upper)}
+
+    def active_limits(
+        self, arm: Arm, multipliers: Callable[[str], Array]
+    ) -> list[tuple[float, str]]:
+        """Return each stroke whose multiplier is not zero."""
+        active, lam = list[tuple[float, str]](), multipliers(STROKES)
+        for j in np.flatnonzero(np.abs(lam) > ACTIVE).tolist():
+            end = 1e3 * self.strokes[int(lam[j] < 0), j]
+            active.append((abs(lam[j]), f"the stroke of {arm.tendon_name(j)}, at {end:g} mm"))
+        return active
 
     def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
         """Return the lengths of the tendons of a shape over the arm's length."""
         return np.asarray(shape.tendon_lengths / shape.arm.length)
 
 
-def _product() -> Kernel:
+def product() -> Kernel:
     """Return the kernel of a parameter times an unknown."""
     y, c = ca.SX.sym("y"), ca.SX.sym("c")
     return Kernel("product", y, {"factor": c}, c * y)

@@ -18,24 +18,24 @@ from octoplan.model.support.checks import LARGEST, finite_array, is_several, num
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
 
-# Tensions of plans over those that bend the arm by 1 rad: the range in which most of them are.
+# Tension that most plans do not exceed, over the tension that bends the arm by 1 rad [-].
 NATURAL_RANGE = 5.0
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on the tensions, and on what winches take in.
+    """Bounds on the tensions and on the strokes of winches.
 
     Attributes
     ----------
     upper, lower : (n_tendons,)
         [N]; upper may be infinite.
     total : float or None
-        The most that all tendons together may pull [N].
+        Upper bound on the sum of the tensions [N].
     strokes : ((n_tendons,), (n_tendons,)) or None
-        The least and the most that is taken in of each tendon from where winches are zeroed [m].
+        Smallest and largest stroke of each tendon: the length that its winch takes in [m].
     stroke_zero : (n_tendons,) or None
-        Lengths of the tendons there [m]; None where that is the straight arm at rest.
+        Lengths of the tendons at stroke 0 [m]; None for the lengths in the straight arm at rest.
     """
 
     upper: tuple[float, ...]
@@ -48,8 +48,8 @@ class Limits:
     def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
         """Return limits for an arm from a number for all tendons, or one for each.
 
-        Raises InputError for negative numbers, NaN, a lower bound above the upper one or past all
-        bounds, and a total below the sum of the lower bounds.
+        Raise InputError for negative numbers, NaN, a lower bound above the upper bound or above
+        the tensions that crush any arm, and a total below the sum of the lower bounds.
         """
         high, low = each_tendon(arm, "tension_max", upper), each_tendon(arm, "tension_min", lower)
         if np.isinf(low).any():
@@ -58,23 +58,23 @@ class Limits:
             shares = high / natural_tensions(arm)
         warn_unusual("tension_max", [float(shares.max())], LARGEST_LIMIT)
         warn_unusual("tension_max", [float(shares.min())], SMALLEST_LIMIT)
-        # Minima above a million times what bends the arm crush any arm, and digits are lost.
+        # Minima above 1e6 times the tension that bends the arm crush any arm and lose digits.
         times = "up to {:g} N, 1e+06 times what bends the arm by 1 rad"
         bounds = (1e6 * natural_tensions(arm), times), (high, "up to its maximum, {:g} N")
         for most, allowed in bounds:
             for j in np.flatnonzero(low > most)[:1].tolist():
                 name = f"tension_min[{j}] ({arm.tendon_name(j)})"
                 raise InputError(name, float(low[j]), allowed.format(most[j]))
-        # The sum is off by rounding.
+        # The sum has a rounding error.
         least = low.sum() * (1 - 1e-9)
         if total is not None and float(finite_array("total_pull", total, ())) < least:
             raise InputError("total_pull", total, f"{low.sum():g} N, the sum of minima, or above")
         return cls(tuple(high.tolist()), tuple(low.tolist()), total)
 
     def with_strokes(self, arm: Arm, most: Any, least: Any = None) -> Limits:
-        """Return the limits with those of strokes, as `plan` takes them; None for no limits.
+        """Return the limits with bounds on strokes, see `plan`; None for no bound.
 
-        Raises InputError for a most below or a least above 0, where the arm rests.
+        Raise InputError for an upper bound below 0, or a lower bound above 0.
         """
         if most is None and least is None:
             return self
@@ -91,14 +91,14 @@ class Limits:
         return replace(self, strokes=(tuple((0.0 - paid_out).tolist()), tuple(high.tolist())))
 
     def of_tendons(self, pulling: Collection[int]) -> Limits:
-        """Return the limits with tendons that are not to pull held at their minima."""
+        """Return the limits with the upper bounds of all other tendons at their lower bounds."""
         both = enumerate(zip(self.lower, self.upper, strict=True))
         upper = tuple(most if j in pulling else least for j, (least, most) in both)
         return replace(self, upper=upper)
 
     @property
     def keywords(self) -> dict[str, Any]:
-        """The limits as keywords of `plan`."""
+        """The limits as keyword arguments of `plan`."""
         least, most = self.strokes or (None, None)
         return {
             "tension_min": np.array(self.lower),
@@ -111,7 +111,7 @@ class Limits:
 
 
 def each_tendon(arm: Arm, name: str, values: Any) -> Array:
-    """Return numbers (n_tendons,) of 0 or above; InputError for what is no such number."""
+    """Return nonnegative numbers (n_tendons,); raise InputError for any other value."""
     if not is_several(values):
         number = float(numbers(name, values, "a number, or one for each tendon"))
         if not number >= 0:
@@ -122,7 +122,7 @@ def each_tendon(arm: Arm, name: str, values: Any) -> Array:
 
 
 def _finite(values: Any) -> Any:
-    """Return numbers in rows with the largest one for infinity; the arm judges all else."""
+    """Return numbers in rows, with LARGEST for infinity; Arm.flat checks other values."""
     if is_several(values):
         return [_finite(value) for value in values]
     return LARGEST if isinstance(values, float) and values == np.inf else values
@@ -130,9 +130,11 @@ def _finite(values: Any) -> Any:
 
 @lru_cache(maxsize=64)
 def natural_tensions(arm: Arm) -> Array:
-    """Return for each tendon about the tension that bends the arm by 1 rad on its own [N].
+    """Return, for each tendon, the tension that alone bends the arm by about 1 rad [N].
 
-    From the integral of y / EJ to its anchorage: the linear part of the closed form.
+    The bend per newton is the integral of y / EJ from base to anchorage, the linear part of the
+    closed form. If the shortening per newton, over the arm's length, exceeds the bend in rad, the
+    shortening counts.
     """
     result = list[float]()
     for i, path in arm.offset_paths:
@@ -146,9 +148,9 @@ def natural_tensions(arm: Arm) -> Array:
 
 
 def effort_unit(arm: Arm) -> float:
-    """Return the tension in units of which effort is weighed against missed targets [N].
+    """Return the unit of effort for the comparison with residuals of targets [N].
 
-    It depends on the arm alone, so that limits that are not active change no compromise.
+    The unit depends on the arm alone, so that inactive limits do not change the compromise.
     """
     return float(NATURAL_RANGE * natural_tensions(arm).max())
 
@@ -164,9 +166,9 @@ def checked_limits(
     stroke_zero: Any = "straight",
     **_: Any,
 ) -> Limits:
-    """Return the limits from arguments of plan, of which others may be there too.
+    """Return the limits from arguments of `plan`; ignore other arguments.
 
-    Raises InputError, and as settle does where winches are zeroed "at rest".
+    Raise InputError, and the errors of `settle` if `stroke_zero` is "at rest".
     """
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
     limits = limits.with_strokes(arm, stroke_max, stroke_min)
@@ -174,10 +176,10 @@ def checked_limits(
 
 
 def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
-    """Return the tendons' lengths where winches are zeroed [m]; None at the straight arm at rest.
+    """Return the lengths of the tendons at stroke 0 [m]; None for the straight arm at rest.
 
-    See plan. Raises InputError for what is not allowed, and as settle does where the arm does not
-    stand in the scene without tensions.
+    See `plan`. Raise InputError if the argument is not allowed, and the errors of `settle` if the
+    arm has no equilibrium in the scene without tensions.
     """
     if isinstance(zero, str) and zero == "straight":
         return None

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.support.progress import OUT_OF_TIME
-from octoplan.planner.blocks import STABILITY, STRETCH, STROKES
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.measure import remark_on_slack
 from octoplan.planner.nlp_solution import STABILITY_TOLERANCE
@@ -67,18 +66,7 @@ def holding(plan: Any) -> list[str]:
         for name, bounds, holds in (("maximum", upper, at_most), ("minimum", lower, at_least))
         for j in np.flatnonzero(holds).tolist()
     ]
-    kinds = (
-        (STRETCH, np.inf, "the body, which would be crushed (1 + q at its least)"),
-        (STABILITY, np.inf, f"stability, at its margin of {problem.options.stability_bound:g}"),
-        ("clear", 0.0, "what the arm is to keep clear of"),
-    )
-    for kind, weight, name in kinds:
-        if plan.multipliers(kind).min(initial=0.0) < -1e-9:
-            active.append((weight, name))
-    lam, ends = plan.multipliers(STROKES), np.array(limits.strokes)
-    for j in np.flatnonzero(np.abs(lam) > 1e-9).tolist():
-        end = 1e3 * ends[int(lam[j] < 0), j]
-        active.append((abs(lam[j]), f"the stroke of {arm.tendon_name(j)}, at {end:g} mm"))
+    active += plan.active_rows()
     total = limits.total
     if total is not None and T.sum() >= total * (1 - 1e-6):
         active.append((np.inf, f"the total pull at its maximum of {total:g} N"))

@@ -226,6 +226,11 @@ class Plan(TextRepr):
         rows = self.program().program.row_kinds
         return np.asarray(lam[rows[: lam.size] == kind])
 
+    def active_rows(self) -> list[tuple[float, str]]:
+        """Return priority and name of each active limit of the program's blocks."""
+        blocks = self.program().blocks
+        return [each for b in blocks for each in b.active_limits(self.arm, self.multipliers)]
+
     def holding(self) -> list[str]:
         """Return the names of the limits that are active, by decreasing multiplier."""
         return holding(self)

@@ -25,19 +25,19 @@ from octoplan.model.support.errors import OctoplanError, SingularError
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner.block import Block
 from octoplan.planner.blocks import (
-    LeastMode,
     LeastStretch,
     PeakTension,
-    Responses,
     TendonLengths,
     TotalPull,
     equilibrium_parameters,
     equilibrium_scales,
 )
+from octoplan.planner.least_mode import LeastMode
 from octoplan.planner.limits import NATURAL_RANGE, Limits, effort_unit, natural_tensions
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program import Program, Structure, program_of
+from octoplan.planner.responses import Responses
 from octoplan.planner.targets.target_rows import TargetRows
 
 # Lower and upper bounds of unknowns, then of rows.
@@ -150,9 +150,8 @@ class Problem:
         if self.options.modes:
             blocks.append(LeastMode(layout, self.options.stability_bound))
         if limits.strokes is not None:
-            rest = np.array(limits.stroke_zero or rest_lengths(arm))
-            upper, lower = (rest - np.array(limits.strokes)) / arm.length
-            blocks.append(TendonLengths(layout, arm.length, lower, upper))
+            zero = np.array(limits.stroke_zero or rest_lengths(arm))
+            blocks.append(TendonLengths(layout, arm.length, zero, np.array(limits.strokes)))
         return blocks
 
     def _effort_unit(self) -> float:

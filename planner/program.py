@@ -1,38 +1,54 @@
 """Tension allocation as a nonlinear program: multiple shooting in arc length, solved by ipopt.
 
-    min  1/2 sum_j (T_j / T_ref)^2           over  T,  x_0, v_0, x_1, v_1, .. x_N,  y,  z
+    min  1/2 sum_j (T_j / T_ref)^2      over  T, a, S, d  with  S = (R, u, M, F, v, y)
 
-    subject to  (R_0, u_0) = clamp,  y_0 = 0                base condition
-                x_{k+1} = F(x_k, v_k)                       dynamics of each element
-                0 = G(x_k, v_k, T)                          stage equations
-                y+ = y- + jump,  (M, F)+ = (M, F)- - load   jumps at anchorages and loaded nodes
-                M_N = 0,  F_N = 0                           tip condition
-                T_min <= T <= T_max,  1 + q >= 1e-3         bounds
-                target(x at its stations) = 0               target rows
+    subject to  (R_0, u_0) = clamp,  y_0 = 0                          base condition
+                (R, u)_{k+1} = F(R_k, u_k, v_k)                       kinematics of element k
+                (M, F)_k = (M, F)_{k+1} + loads of element and node   balance, from tip to base
+                0 = G(R_k, v_k, M_{k+1}, F_{k+1}, T, y_k)             stage equations of element k
+                y_{k+1} = y_k + change over element k + jump          tendon states, with friction
+                (M, F)_N = load at the tip                            tip condition
+                blocks(S, d) = 0                                      equations of the dependents d
+                target(R, u at its stations) = 0                      target rows
+                T_min <= T <= T_max,  1 + q >= 1e-3                   bounds
 
-x_k are pose, moment and force at node k, v_k the strains at the Gauss stages of element k, y the
-angles by which tendons have turned (with friction), and z the unknowns of blocks, for example
-tendon lengths or the least stable mode. No unknown is eliminated. The rod (octoplan.model.rod)
-places the kernels F, G and the jumps; octoplan.planner.block is the interface of blocks, and
-octoplan.planner.targets.target_rows has the target rows of the three modes:
+R_k, u_k are the frame and the position of node k, v_k the strains at the Gauss stages of element k,
+y_k the angles by which tendons have turned. M_k, F_k are the moment and the force that the loads
+beyond node k and at node k exert; the force omits dead loads, whose resultant at each stage is a
+known number. 1 + q >= 1e-3 is one row for each segment, at the thinnest place of its body, in
+scenes with extension. No unknown is eliminated.
 
-    exact      f = effort, or the sum of the objectives of targets plus weight effort
-    closest    f = 1/2 |misses|^2 + weight effort, equalities as rows
-    nearest    f = 1/2 |misses|^2 + weight effort, equalities among the misses
+The rod (octoplan.model.rod) places kernels whose residuals are added: a row may be the sum of
+several kernels. `dynamics` adds the rows of F, the balance of an element, and in the stage rows
+minus the local wrench; `stage_equations` adds body and tendons to these stage rows; `jumps` adds
+the loads at a node to its balance.
 
-ipopt receives the unknowns w = (T, z, 1, x, v, y, z) / scale, with decisions of blocks before the
-load factor 1 and their dependents last; the rows g = r / row_scale; and
+Blocks (octoplan.planner.block) add unknowns and rows: decisions a, such as slacks, and dependents d
+with as many equations, such as tendon lengths or the least stable mode. The objective f depends on
+the mode of the targets (octoplan.planner.targets.target_rows). Let
 
-    df/dw,   dg/dw = D_row^-1 (dr/dx) D,   sigma d2f/dw2 + D (sum_i lambda_i d2r_i/dx2) D,
+    effort = 1/2 sum_j (T_j / T_ref)^2,  sum_j T_j / T_ref,  or  T_max / T_ref      (norm 2, 1, inf)
+    cost   = effort, or sum of the targets' objectives + weight effort if targets have objectives
 
-with D = diag(scale) and D_row = diag(row_scale); in the last expression lambda_i is divided by
-row_scale_i, and the upper triangle is passed. model/rod/equations.py sums dr/dx and d2r/dx2 from
-derivatives of small kernels. Target equalities c(w) = 0 are relaxed to
+    exact      f = cost,                              equalities and soft residuals as rows
+    closest    f = 1/2 |misses|^2 + weight cost,      equalities as rows
+    nearest    f = 1/2 |misses|^2 + weight cost,      equalities among the misses
 
-    min  f(w) + 1/2 |t|^2    subject to  c(w) = rho (t - t_0),
+ipopt receives the unknowns w = (T, a, 1, S, d) / scale, with the load factor 1 between decisions
+and states; the rows g = (c, r / row_scale), design rows c (targets and limits) before the equations
+r of equilibrium and blocks; and
 
-so that multipliers t / rho are bounded where equalities depend on each other. c is rho^2 times the
-difference of the multipliers from those in t_0. Source: Rockafellar, "Augmented Lagrangians and
+    df/dw,    dg/dw = (dc/dw, D_row^-1 dr/dx D),
+    d2/dw2 (sigma f + lambda_c . c) + D (sum_i lambda_i / row_scale_i d2r_i/dx2) D,
+
+with x = D w in SI units, D = diag(scale) and D_row = diag(row_scale). The design rows are not
+divided by scales. Of the Hessian the upper triangle is passed. octoplan.model.rod.equations sums
+dr/dx and d2r/dx2 from derivatives of small kernels. Target equalities c(w) = 0 are relaxed to
+
+    min  f(w) + 1/2 |e|^2    subject to  c(w) = epsilon (e - e_0),
+
+so that multipliers e / epsilon are bounded if equalities depend on each other. c is epsilon^2 times
+the difference of the multipliers from those in e_0. Source: Rockafellar, "Augmented Lagrangians and
 applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
 """
 
@@ -54,7 +70,6 @@ from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.block import Block, ProgramView, Rows
-from octoplan.planner.blocks import Responses
 from octoplan.planner.targets.target_rows import EQUALITY
 
 # Kind of the rows of equilibrium, and of the equations of blocks.
@@ -72,10 +87,9 @@ class Structure:
     stations : dict of int, as pairs
         Arc length [m] and node of each station.
     norm : "2", "1" or "inf"
-        Norm of the tensions that is the effort.
+        Norm of the tensions that is the effort; "inf" requires PeakTension among the blocks.
     mode : "exact", "closest" or "nearest"
     blocks : tuple of Block
-        PeakTension is the first, if the norm is "inf".
     """
 
     rod: Layout
@@ -93,7 +107,7 @@ class Nlp(NamedTuple):
     w, p, sigma, lam : symbols
         Unknowns, parameters, and multipliers of objective and rows in the Hessian.
     f, gradient, g, jacobian, hessian
-        Objective, rows, and their derivatives; of the Hessian of the Lagrangian the upper triangle.
+        Objective, rows, and derivatives; the upper triangle of the Hessian of the Lagrangian.
     """
 
     w: ca.MX
@@ -113,11 +127,14 @@ class Program:
     Attributes
     ----------
     structure : Structure
-    size, n_decision, n_equations : int
-        Numbers of unknowns, of those before the load factor, and of equations of equilibrium and
-        blocks, which are the last rows.
+    size : int
+        Number of unknowns.
+    n_decision : int
+        Number of tensions and decisions of blocks, the unknowns before the load factor.
+    n_equations : int
+        Number of equations of equilibrium and blocks, which are the last rows.
     decisions, dependents, measured, parameters : list of slice
-        Places of each block among unknowns, measurements and parameters.
+        Places of each block among the unknowns, measurements and parameters.
     states : slice
         Place of the rod's states among the unknowns.
     parts : dict of slice
@@ -152,10 +169,10 @@ class Program:
         self.size = first + self.n_equations
         conditions = [
             *rod.base_condition(),  # (R_0, u_0) = clamp,  y_0 = 0
-            *rod.dynamics(),  # x_{k+1} = F(x_k, v_k)
-            *rod.stage_equations(),  # 0 = G(x_k, v_k, T)
-            *rod.jumps(),  # y+ = y- + jump,  (M, F)+ = (M, F)- - load
-            *rod.tip_condition(),  # M_N = 0,  F_N = 0
+            *rod.dynamics(),  # F; balance of the element; - local wrench in the rows of G
+            *rod.stage_equations(),  # + body and tendons in the rows of G; change of y
+            *rod.jumps(),  # + loads at nodes in the rows of the balance; jumps of y
+            *rod.tip_condition(),  # M_N, F_N, beside the load at the tip
         ]
         of_rod = np.r_[:n, self.n_decision : self.states.stop]
         terms = [Term(each.kernel, of_rod[each.unknowns], each.rows) for each in conditions]
@@ -197,22 +214,25 @@ class Program:
         poses_of = ca.vertsplit(corrected[self.poses], POSE) if self.poses.stop else []
         poses = dict(zip((s for s, _ in self.structure.stations), poses_of, strict=True))
         measured = [corrected[place] for place in self.measured]
-        responses = [m for m, b in zip(measured, blocks, strict=True) if isinstance(b, Responses)]
-        compliances = ca.vertcat(ca.MX(0, 1), *responses)
-        rows, misses, objectives = list[Rows](), list[ca.MX](), list[ca.MX]()
+        each = [block.compliances(m) for block, m in zip(blocks, measured, strict=True)]
+        compliances = ca.vertcat(ca.MX(0, 1), *each)
+        rows = list[Rows]()
+        misses = list[ca.MX]()
+        objectives = list[ca.MX]()
+        # PeakTension replaces the effort by T_max / T_ref.
+        effort = ca.sum1(T) if self.structure.norm == "1" else ca.sumsqr(T) / 2
         for k, block in enumerate(blocks):
             own = w[self.decisions[k]], measured[k], p[self.parameters[k]]
             added = block.parts(ProgramView(T, T_ref, poses, compliances, *own))
             rows += added.rows
             misses += added.misses
             objectives += added.objectives
-        # With the norm "inf", the first unknown after the tensions is T_max / T_ref.
-        effort = {"2": ca.sumsqr(T) / 2, "1": ca.sum1(T), "inf": w[n]}[self.structure.norm]
-        weighted_effort = p[parts["weight"]] * effort
+            effort = effort if added.effort is None else added.effort
+        weight = p[parts["weight"]]
         objective = ca.vertcat(ca.MX(0, 1), *objectives)
-        f = ca.sum1(objective) + weighted_effort if objective.numel() else effort
-        if self.structure.mode != "exact":
-            f = ca.sumsqr(ca.vertcat(*misses)) / 2 + p[parts["weight"]] * f
+        cost = ca.sum1(objective) + weight * effort if objective.numel() else effort
+        is_exact = self.structure.mode == "exact"
+        f = cost if is_exact else ca.sumsqr(ca.vertcat(*misses)) / 2 + weight * cost
         rows.append(Rows(EQUILIBRIUM, ca.MX(self.n_equations, 1), 0.0, 0.0))
         sizes = [each.value.numel() for each in rows]
         self.row_kinds = np.repeat([each.kind for each in rows], sizes)
@@ -277,25 +297,28 @@ class Program:
         f, gradient, g, nonzeros = (value.ravel() for value in self._evaluated(w, p))
         return f, gradient, g, csc_array((nonzeros, *self._sparsity), shape=(g.size, w.size))
 
-    def relaxed(self, rho: float) -> Nlp:
-        """Return the program with unknowns (w, t) and parameters (p, t_0): c(w) = rho (t - t_0)."""
+    def relaxed(self, epsilon: float) -> Nlp:
+        """Return the program with the relaxed equalities c(w) = epsilon (e - e_0).
+
+        The unknowns are (w, e), the parameters (p, e_0).
+        """
         m, n_rows = self.equality_rows.size, self.row_kinds.size
         unknowns = ca.MX.sym("w", self.size + m)
         parameters = ca.MX.sym("p", self.p.numel() + m)
         sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", n_rows)
-        w, t = unknowns[: self.size], unknowns[self.size :]
-        p, t_0 = ca.vertsplit(parameters, [0, self.p.numel(), parameters.numel()])
+        w, e = unknowns[: self.size], unknowns[self.size :]
+        p, e_0 = ca.vertsplit(parameters, [0, self.p.numel(), parameters.numel()])
         f, gradient, g, J, H = self.function.call([w, p, sigma, lam], True, False)
         places = ca.Sparsity.triplet(n_rows, m, self.equality_rows.tolist(), list(range(m)))
-        A = ca.DM(places, rho)
+        A = ca.DM(places, epsilon)
         return Nlp(
             unknowns,
             parameters,
             sigma,
             lam,
-            f + ca.sumsqr(t) / 2,
-            ca.vertcat(gradient, t),
-            g - A @ (t - t_0),
+            f + ca.sumsqr(e) / 2,
+            ca.vertcat(gradient, e),
+            g - A @ (e - e_0),
             ca.horzcat(J, -A),
             ca.diagcat(H, sigma * ca.DM.eye(m)),
         )

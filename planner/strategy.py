@@ -23,7 +23,8 @@ from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution
 from octoplan.planner.solve.refine import CORRECTIONS, refine
-from octoplan.planner.solve.search import RelaxationStage, Search
+from octoplan.planner.solve.relaxation_stage import RelaxationStage
+from octoplan.planner.solve.search import Search
 
 
 class Strategy:

@@ -67,7 +67,7 @@ from octoplan.planner import NlpOptions, Plan, plan
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.solve.search import solve_from_guess
+from octoplan.planner.solve.relaxation_stage import solve_from_guess
 from octoplan.planner.targets import Target, TipPose, TipPosition
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off

@@ -32,7 +32,8 @@ from octoplan.model.stiffness import tip_jacobian
 from octoplan.planner import Limits, NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.solve.search import Search, solve_from_guess
+from octoplan.planner.solve.relaxation_stage import solve_from_guess
+from octoplan.planner.solve.search import Search
 from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES, shape
 from studies.reporting import asked

@@ -24,7 +24,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.nlp_options import Mode
-from octoplan.planner.nlp_solution import KKT_TOLERANCE, NlpSolution, SolverResult
+from octoplan.planner.nlp_solution import NlpSolution, SolverResult
 from octoplan.planner.problem import Bounds, Problem
 from octoplan.planner.program import Nlp, Program
 
@@ -90,14 +90,16 @@ _OUTPUT_LOCK = threading.RLock()
 # Factor of the objective in ipopt [-]. An effort is about 1e-2 at an optimum; with this factor the
 # objective weighs as much as the barrier.
 OBJECTIVE_SCALE = 1e3
-# rho of relaxed target equalities, see octoplan.planner.program: their residual is rho^2 times the
-# change of the multipliers during the solve. In a search the change is the multiplier itself, and
-# the residual is small; in a warm start the residual is a rounding error.
+# epsilon of relaxed target equalities, see octoplan.planner.program: the residual of a row is
+# epsilon^2 times the change of its multiplier during the solve. In a search the change is the
+# multiplier itself, and the residual is small; in a warm start the residual is a rounding error.
 RELAXATION = 3e-5
-# rho for optima that are polished, and for targets that have to be met exactly although there are
-# more equalities than tensions (a backbone of the arm's own shape): residuals remain below the
+# epsilon for optima that are polished, and for targets that have to be met exactly although there
+# are more equalities than tensions (a backbone of the arm's own shape): residuals remain below the
 # tolerance also along changes of the tensions that hardly change the shape.
 POLISH_RELAXATION = 1e-6
+# Largest residual of a target equality at which a relaxed program counts as converged [-].
+EQUALITY_TOL = 1e-6
 Options = dict[str, Any]
 # Options of all solves. Programs are scaled already, and their matrices are banded.
 _COMMON: Options = {
@@ -219,7 +221,7 @@ def nlp_derivatives(nlp: Nlp) -> dict[str, ca.Function]:
 
 
 def relaxation(purpose: Purpose) -> float:
-    """Return rho of the target equalities, see RELAXATION."""
+    """Return epsilon of the target equalities, see RELAXATION."""
     return POLISH_RELAXATION if purpose in ("meet", "polish") else RELAXATION
 
 
@@ -229,7 +231,7 @@ def solver(
 ) -> BufferedFunction:
     """Return ipopt for a program, its mode and a purpose, built once.
 
-    Unknowns are those of the program, then t (m,), parameters those of the program, then t_0 (m,).
+    Unknowns are those of the program, then e (m,), parameters those of the program, then e_0 (m,).
     """
     return nlp_solver(program.relaxed(relaxation(purpose)), _BY_MODE[mode][purpose], is_logged)
 
@@ -259,26 +261,26 @@ def solve(
     equality_rows = problem.program.equality_rows
     n, none = x.size, np.zeros(equality_rows.size)
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
-    rho = relaxation(purpose)
-    t_0 = rho * lam_g[equality_rows]
+    epsilon = relaxation(purpose)
+    e_0 = epsilon * lam_g[equality_rows]
     unbounded = np.full(none.size, np.inf)
     relaxed_bounds = np.append(lbx, -unbounded), np.append(ubx, unbounded), lbg, ubg
     result = run_solver(
         solver(problem.program, purpose, problem.options.mode, LOG.isEnabledFor(logging.DEBUG)),
-        np.append(x, t_0),
-        np.append(problem.parameters_at(x, p), t_0),
+        np.append(x, e_0),
+        np.append(problem.parameters_at(x, p), e_0),
         relaxed_bounds,
         (np.append(lam_x, none), lam_g),
         _CONVERGED | _TO_ROUNDING if purpose == "polish" else _CONVERGED,
     )
-    x, t = np.split(result.x, [n])
-    residual = rho * float(np.abs(t - t_0).max(initial=0.0))
+    x, e = np.split(result.x, [n])
+    residual = epsilon * float(np.abs(e - e_0).max(initial=0.0))
     return NlpSolution(
         x,
         result.lam_x[:n],
         result.lam_g,
-        result.f - float(t @ t) / 2,
-        result.converged and residual <= KKT_TOLERANCE,
+        result.f - float(e @ e) / 2,
+        result.converged and residual <= EQUALITY_TOL,
         result.iterations,
         problem=problem,
     )

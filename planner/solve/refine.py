@@ -1,11 +1,12 @@
 """Refine an optimum of a coarse mesh until its settled shape meets the accuracy.
 
-The optimum of a program on a coarse mesh has a shape whose measurements (poses at the stations,
-least stretches, compliances, eigenvalues, tendon lengths) are off by the defect d of the mesh. The
-arm is settled to the accuracy, d is added to the measurements, and the program is solved again with
-a warm start; then the settled shape meets the targets. d changes little from one solution to the
-next, so that one or two corrections suffice. The remaining error of the mesh is in the derivatives,
-and changes the effort by its square. Only if d is large, the mesh is refined.
+The measurements of a program (poses at the stations, least stretches, compliances, eigenvalues,
+tendon lengths) differ from those of the settled shape by the defect d of the mesh. The arm is
+settled to a hundredth of the accuracy, d is added to the measurements, and the program is solved
+again, warm, on the same coarse mesh; the settled shape then meets the targets. d changes little
+from one solution to the next, so that one or two corrections suffice. The remaining error of the
+mesh is in the derivatives, and changes the effort by its square. The mesh is refined if d exceeds
+1e-4, unless d is constant.
 
 Source: Stetter, "The defect correction principle and discretization methods", Numer. Math. 29
 (1978).
@@ -25,16 +26,18 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, OctoplanError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.blocks import LeastMode
 from octoplan.planner.nlp_solution import KKT_TOLERANCE, NlpSolution
 from octoplan.planner.problem import Bounds, Problem
 from octoplan.planner.solve.ipopt import OBJECTIVE_SCALE, solve
 
-# Largest number of corrections of a program: by defects, on finer meshes, for other modes and other
-# nearest places.
+# Largest number of corrections of a program: by defects, on finer meshes, for other least stable
+# modes, and for further stations or nearest points.
 CORRECTIONS = 16
 # The accuracy, and the tolerance of optimality, over the largest error of a defect.
 PART = 3
+# Largest accuracy of defects; problems of a coarser accuracy have it too, because their residual of
+# optimality is held to KKT_TOLERANCE [-].
+LARGEST_ACCURACY = 1e-6
 # Relative error of margins and efforts on a coarse mesh.
 COARSE_RTOL = 1e-3
 # Defect, over L and in rad, above which the mesh is refined: tensions are off by a few times as
@@ -42,8 +45,8 @@ COARSE_RTOL = 1e-3
 _REFINE_ABOVE = 1e-4
 # Defect above which the settled arm has another shape.
 _OTHER_SHAPE = 0.1
-# Relative change of the effort by the remaining defect. Tensions that hardly change the shape
-# change by far more than the shape.
+# Largest relative change of the effort by the remaining defect [-]. Tensions that hardly change the
+# shape change by far more than the shape.
 EFFORT_TOL = 1e-5
 # Largest number of solves in which tensions at their bounds are fixed.
 _POLISH_SOLVES = 4
@@ -52,11 +55,11 @@ _POLISH_SOLVES = 4
 def refine(optimum: NlpSolution) -> NlpSolution | None:
     """Return the optimum whose settled shape has the measurements of its program.
 
-    They agree to a part of the accuracy. Return None if the program does not converge on the way,
-    if the arm settles to another shape from rest, or if it buckles.
+    The measurements agree to a third of the accuracy. Return None if the program does not converge
+    on the way, if the arm settles to another shape from rest, or if the arm buckles.
     """
     task, last, before = optimum.problem.task, None, np.inf
-    tolerance = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
+    tolerance = max(min(task.accuracy, LARGEST_ACCURACY) / PART, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
             check_time()
@@ -94,9 +97,9 @@ def _effort_change(optimum: NlpSolution) -> float:
 def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | None, float]:
     """Return the optimum with the defect of its shape, and the change of the defect.
 
-    If the defect is large, and changes by more than the tolerance, the optimum is that on a finer
-    mesh, and the change infinite. The optimum is None if the shape is another one, or if there is
-    no finer mesh.
+    If the defect is large, and changes by more than the tolerance, return the optimum on a finer
+    mesh, and an infinite change. Return None for the optimum if the arm has another shape, or if no
+    finer mesh exists.
     """
     problem, before = optimum.problem, optimum.defect
     try:
@@ -104,7 +107,7 @@ def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | No
     except CollapsedError as collapse:
         return replace(optimum, defect=collapse_defect(problem, optimum.x, collapse)), np.inf
     error = defect(problem, optimum.x, shape)
-    size = _defect_size(problem, error, stability_scale=np.inf)
+    size = _defect_size(problem, error, reducible=True)
     change = np.inf if before is None else _defect_size(problem, error - before)
     if size <= _REFINE_ABOVE or change <= tolerance:
         return replace(optimum, defect=error), change
@@ -118,7 +121,7 @@ def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | No
 def on_mesh(optimum: NlpSolution, problem: Problem, shape: Shape) -> NlpSolution:
     """Return an optimum at the equilibrium of its settled shape on the mesh of a problem.
 
-    The defect is that of the shape. Raises the errors of settling.
+    The optimum has the defect of the shape. Raise the errors of `settle`.
     """
     T = shape.tensions
     x = problem.complete(T, problem.forward.solve(T, shape.known).states)
@@ -143,9 +146,9 @@ def polish(
     ----------
     optimum : NlpSolution
     p : (n_p,)
-        Parameters; those with the defect of the optimum unless given.
+        Parameters; by default the problem's, with the defect of the optimum.
     bounds : Bounds
-        The bounds of the problem unless given.
+        By default the bounds of the problem.
     warm : bool
         Whether to start warm even if all tensions are released.
     """
@@ -203,7 +206,7 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
 def collapse_defect(
     problem: Problem, x: Array, collapse: CollapsedError, before: Array | float = 0.0
 ) -> Array:
-    """Return a defect with the stretch of a cross-section that collapsed, else that from before."""
+    """Return the defect `before` with the stretch of a cross-section that collapsed."""
     program, on_mesh = problem.program, problem.measured(x)
     corrected = before + np.zeros(on_mesh.size)
     place = program.measured[problem.blocks.index(problem.stretch)]
@@ -212,16 +215,15 @@ def collapse_defect(
     return corrected
 
 
-def _defect_size(problem: Problem, defect: Array, stability_scale: float = 1.0) -> float:
+def _defect_size(problem: Problem, defect: Array, reducible: bool = False) -> float:
     """Return the largest component of a defect, lengths over L, angles in rad.
 
-    Stabilities are divided by `stability_scale`: the stability of a settled shape is that on its
-    mesh, so that a finer mesh of the program does not reduce this component.
+    With `reducible`, only components that a finer mesh of the program reduces count.
     """
     arm, program = problem.arm, problem.program
     pose = np.repeat([0.5, arm.length], [4, 3])  # quaternions change by half the angle
     scales = [np.tile(pose, program.poses.stop // pose.size)]
     for block in problem.blocks:
-        scale = stability_scale if isinstance(block, LeastMode) else 1.0
-        scales.append(block.measurement_scales(arm) * scale)
+        counts = block.mesh_reduces_defect or not reducible
+        scales.append(block.measurement_scales(arm) * (1.0 if counts else np.inf))
     return float(np.abs(defect / np.concatenate(scales)).max(initial=0.0))

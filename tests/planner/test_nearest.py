@@ -15,8 +15,9 @@ from octoplan.planner import NlpOptions, plan
 from octoplan.planner.limits import Limits
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
+from octoplan.planner.solve.relaxation_stage import solve_from_guess
 from octoplan.planner.solve.samples import fitted, sample, spread
-from octoplan.planner.solve.search import N_SAMPLED, solve_from_guess
+from octoplan.planner.solve.search import N_SAMPLED
 from octoplan.planner.targets import TipPosition
 
 STRAIGHT = Linear(0.0, 0.0)

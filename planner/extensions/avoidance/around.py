@@ -33,8 +33,9 @@ from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial
 from octoplan.planner.solve.guesses import drawn_arms
 from octoplan.planner.solve.refine import CORRECTIONS, refine
+from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, RelaxationStage
 from octoplan.planner.solve.samples import fine_enough, fitted, sample
-from octoplan.planner.solve.search import N_EQUAL_OPTIMA, N_SAMPLED, RelaxationStage, Search
+from octoplan.planner.solve.search import N_SAMPLED, Search
 
 # Largest numbers of drawn arms that are checked for contact, and that are tried.
 _LOOKED_AT, _MOST = 100, 6

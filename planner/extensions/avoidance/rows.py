@@ -10,7 +10,7 @@ the gap along the arm.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -30,7 +30,7 @@ from octoplan.model.rod.nodes import POSE
 from octoplan.model.rotations import matrices, matrix
 from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
-from octoplan.planner.block import Block, Parts, ProgramView, Rows
+from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows
 from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.surroundings import spare
 
@@ -139,6 +139,13 @@ class ClearanceBlock(Block):
         poses = ca.vertcat(ca.DM(self.base), *(view.poses[s] for s in self.stations()))
         gaps = self._gaps().value.function(poses, view.parameters)
         return Parts([Rows(CLEAR, gaps / self.length)])
+
+    def active_limits(
+        self, arm: Arm, multipliers: Callable[[str], Array]
+    ) -> list[tuple[float, str]]:
+        """Return the clearance, if some multiplier is not zero."""
+        is_active = multipliers(CLEAR).min(initial=0.0) < -ACTIVE
+        return [(0.0, "what the arm is to keep clear of")] if is_active else []
 
     def _gaps(self) -> Equations:
         """Return the distances minus the least distances [m], from poses of base and stations."""

@@ -11,11 +11,12 @@ import numpy as np
 from octoplan.model.extensions.contact.effects import without_contacts
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.planner.blocks import STABILITY
+from octoplan.planner.block import ACTIVE
 from octoplan.planner.extensions.contact.grasp import Grip, grips_of
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import settled_along
 from octoplan.planner.extensions.contact.search import optimality_of
+from octoplan.planner.least_mode import STABILITY, active_margin
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.problem import Problem
 
@@ -66,6 +67,14 @@ class ContactPlan(Plan):
         solution = self.solution
         has_mode = kind == STABILITY and solution.options.modes
         return np.array(solution.lam_g[-1:] if has_mode else ())
+
+    def active_rows(self) -> list[tuple[float, str]]:
+        """See Plan.active_rows: an arm that leans has no rows but the stability margin."""
+        if self.beside:
+            return super().active_rows()
+        is_active = self.multipliers(STABILITY).min(initial=0.0) < -ACTIVE
+        bound = self.problem.options.stability_bound
+        return [(np.inf, active_margin(bound))] if is_active else []
 
     def _kkt(self) -> float:
         if self.beside:

@@ -32,7 +32,7 @@ from octoplan.planner.extensions.contact.wrap import Wrap
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
-from octoplan.planner.solve.search import N_EQUAL_OPTIMA, RelaxationStage
+from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, RelaxationStage
 from octoplan.planner.targets.backbone import Backbone
 
 # Refinement of the search's mesh.

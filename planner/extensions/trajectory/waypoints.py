@@ -39,7 +39,8 @@ from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.refine import CORRECTIONS, PART, collapse_defect, defect
-from octoplan.planner.solve.search import RelaxationStage, Search
+from octoplan.planner.solve.relaxation_stage import RelaxationStage
+from octoplan.planner.solve.search import Search
 
 
 class Waypoints:

@@ -1,0 +1,34 @@
+"""Enforce a stability margin: solve an optimum again with its least stable mode as unknowns."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import check_time
+from octoplan.planner.nlp_solution import NlpSolution
+from octoplan.planner.problem import SEARCH_WEIGHT
+from octoplan.planner.solve.ipopt import solve
+from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS
+
+
+def enforce_margin(optimum: NlpSolution, bound: float) -> NlpSolution | None:
+    """Return an optimum near an unstable one whose stability is at least `bound`; None if none.
+
+    One mode is constrained. If another mode is then below the bound, that mode is constrained next.
+    """
+    near = optimum
+    with suppress(OctoplanError, np.linalg.LinAlgError):
+        for _ in range(CORRECTIONS):
+            problem = near.problem.replace(modes=1, floor=bound)
+            states = near.problem.linearised(near.x).states
+            x = problem.complete(near.tensions, states)
+            near = solve(problem, x, problem.parameters(SEARCH_WEIGHT))
+            check_time()
+            if not near.converged:
+                break
+            if problem.is_stable(near.x, bound - COARSE_RTOL * bound):
+                return near
+    return None

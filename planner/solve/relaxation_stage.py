@@ -1,0 +1,330 @@
+"""One stage of the search: the multistart in one mode of the targets, on the coarse mesh.
+
+A stage solves the program from one initial guess after another, tests the stability of the optima,
+and refines the best one. Optima below the required stability are solved again with a lower bound on
+the eigenvalue of the least stable mode (octoplan.planner.solve.margin), or replaced by descents
+from stable shapes (octoplan.planner.solve.stable_descent).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from heapq import merge
+from itertools import chain, islice
+from operator import attrgetter, itemgetter
+
+import numpy as np
+
+from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.paths import Array
+from octoplan.model.support.progress import check_time, report
+from octoplan.planner.block import Block
+from octoplan.planner.nlp_options import Mode
+from octoplan.planner.nlp_solution import NlpSolution
+from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.problem import SEARCH_WEIGHT, Problem
+from octoplan.planner.solution import Solution, Trial, n_equal_optima
+from octoplan.planner.solve.guesses import POINT
+from octoplan.planner.solve.ipopt import Purpose, solve
+from octoplan.planner.solve.margin import enforce_margin
+from octoplan.planner.solve.refine import COARSE_RTOL, refine
+from octoplan.planner.solve.stable_descent import descend
+
+# Number of equal optima after which a multistart ends. Relaxed targets need one more, and so do
+# exact targets of a point or more, which arms meet in several ways. If guesses come in the order of
+# their effort, the multistart also ends after this number of guesses without a better optimum.
+N_EQUAL_OPTIMA = 2
+# Largest least-squares objective of targets that are nearly met: misses of about 1e-3 [-].
+NEARLY_MET = 1e-6
+# Largest difference of the scaled unknowns of equal optima [-].
+SAME_OPTIMUM = 1e-4
+# Lower bounds on the stability, tried in this order, if the arm takes another shape under the
+# tensions of all optima [-]; 1 is an arm at rest.
+STABILITY_FLOORS = (0.3, 0.5)
+# Largest number of optima that are solved again with a lower bound on their stability.
+MAX_ENFORCED = 4
+_PHASES: dict[Mode, str] = {
+    "exact": "trials that meet the targets",
+    "closest": "trials for the nearest shape, equalities met",
+    "nearest": "trials for the nearest shape",
+}
+
+
+def solve_from_guess(problem: Problem, T: Array, defect: Array | None = None) -> NlpSolution:
+    """Solve a program from tensions (n_tendons,) [N], corrected by the defect of its mesh."""
+    # Least squares do not converge from an arm far from the equilibrium under its weight.
+    is_relaxed = problem.options.mode != "exact"
+    x = problem.guess(T, settled=is_relaxed)
+    purpose: Purpose = "search" if defect is None else "meet"
+    solution = solve(problem, x, problem.parameters(SEARCH_WEIGHT, defect), purpose=purpose)
+    check_time()
+    return solution
+
+
+@dataclass(eq=False)
+class RelaxationStage:
+    """The multistart in one mode of the targets, with its guesses and optima.
+
+    Attributes
+    ----------
+    task : PlanningProblem
+    mode : "exact", "closest" or "nearest"
+    guesses : iterator of (n_tendons,)
+        Initial tensions that were not yet solved from [N].
+    blocks : tuple of Block
+        Further blocks of the program, such as clearances.
+    trials : list of Trial
+        One for each initial guess.
+    stable : list of NlpSolution
+        Optima with the required stability.
+    unstable : list of NlpSolution
+        Other optima.
+    rejected : list of NlpSolution
+        Optima that finer meshes do not have.
+    below_margin : list of NlpSolution
+        Unstable optima without an optimum near them that has the required stability.
+    starts : list of Equilibrium
+        Stable shapes on the coarse mesh to descend from, in place of unstable optima.
+    descended : list of NlpSolution
+        Stable optima from these shapes.
+    last : NlpSolution or None
+        Solution from the last guess.
+    corrected : NlpSolution or None
+        An optimum with the defect of its mesh, which corrects the programs of all guesses. Without
+        it, programs are on the coarse mesh and not corrected.
+    refined : NlpSolution or None
+        The refined optimum of the result.
+    """
+
+    task: PlanningProblem
+    mode: Mode
+    guesses: Iterator[Array] = field(default_factory=lambda: iter(()))
+    blocks: tuple[Block, ...] = ()
+    trials: list[Trial] = field(default_factory=list)
+    stable: list[NlpSolution] = field(default_factory=list)
+    unstable: list[NlpSolution] = field(default_factory=list)
+    rejected: list[NlpSolution] = field(default_factory=list)
+    below_margin: list[NlpSolution] = field(default_factory=list)
+    starts: list[Equilibrium] = field(default_factory=list)
+    descended: list[NlpSolution] = field(default_factory=list)
+    last: NlpSolution | None = None
+    corrected: NlpSolution | None = None
+    refined: NlpSolution | None = None
+
+    @property
+    def optima(self) -> list[NlpSolution]:
+        """All optima of the coarse mesh, sorted by their objectives."""
+        return sorted([*self.stable, *self.unstable], key=attrgetter("f"))
+
+    @property
+    def is_nearly_met(self) -> bool:
+        """Whether the least squares of some optimum vanish within the tolerance."""
+        return any(optimum.f <= NEARLY_MET for optimum in self.optima)
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether targets are relaxed, and the least squares of no stable optimum vanish."""
+        return self.mode != "exact" and not any(each.f <= NEARLY_MET for each in self.stable)
+
+    def multistart(
+        self, most: int | None = None, until_met: bool = False, until_equal: bool = True
+    ) -> None:
+        """Solve from guesses.
+
+        Parameters
+        ----------
+        most : int
+            Largest number of guesses; all unless given.
+        until_met : bool
+            Whether to end at an optimum whose least squares vanish.
+        until_equal : bool
+            Whether to end after enough equal optima, see `multistart_done`.
+        """
+        problem, defect = self._problem(), None
+        if self.corrected is not None:
+            problem, defect = self.corrected.problem, self.corrected.defect
+        for T in islice(self.guesses, most):
+            if until_equal and self.multistart_done():
+                return
+            if until_met and self.is_nearly_met:
+                return
+            report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
+            self._record(solve_from_guess(problem, T, defect))
+
+    def multistart_done(self) -> bool:
+        """Return whether enough optima are equal, or enough guesses did not improve the best one.
+
+        The latter counts if guesses come in the order of their effort and the targets are met: the
+        distance of a nearest shape does not depend on this order. One unstable optimum that nearly
+        meets the targets is enough if there are stable shapes to descend from.
+        """
+        if self.task.guesses is not None:
+            return False
+        if self.starts and self.is_nearly_met:
+            return True
+        trials, mode, n_conditions = self.trials, self.mode, self.task.target_set.conditions
+        objectives = [trial.objective if trial.met else np.inf for trial in trials]
+        best = min(objectives, default=np.inf)
+        missed = mode == "nearest" or (mode == "closest" and best > NEARLY_MET)
+        needs_more = missed or (n_conditions >= POINT and mode == "exact")
+        is_by_effort = best < np.inf and n_conditions > POINT
+        n_since_best = len(trials) - 1 - objectives.index(best) if is_by_effort else 0
+        is_equal = n_equal_optima(trials) >= N_EQUAL_OPTIMA + needs_more
+        return is_equal or (mode == "exact" and n_since_best >= N_EQUAL_OPTIMA)
+
+    def confirms(self, optimum: NlpSolution) -> bool:
+        """Return whether no guess leads to a better optimum, until enough optima are equal.
+
+        An optimum without the required stability is not confirmed.
+        """
+        self._record(optimum)
+        self.multistart()
+        best = min((each.f for each in self.stable), default=np.inf)
+        return optimum in self.stable and optimum.f <= (1 + COARSE_RTOL) * best
+
+    def solve_from(self, T: Array) -> NlpSolution | None:
+        """Return the optimum from tensions (n_tendons,) [N], with the required stability."""
+        return self._with_required_stability(solve_from_guess(self._problem(), T))
+
+    def resolve_with(self, optimum: NlpSolution) -> NlpSolution | None:
+        """Return the optimum of the stage's blocks, from one for the same targets and other blocks.
+
+        The start is warm if both programs have the same unknowns; otherwise only the tensions are
+        the guess.
+        """
+        before = optimum.problem
+        problem = Problem(self.task, before.options, self.blocks)
+        if problem.program.size != optimum.x.size:
+            return self.solve_from(optimum.tensions)
+        old, new = before.program.row_kinds, problem.program.row_kinds
+        lam_g = np.zeros(new.size)
+        for kind in np.unique(old):
+            if np.sum(old == kind) == np.sum(new == kind):
+                lam_g[new == kind] = optimum.lam_g[old == kind]
+        p, multipliers = problem.parameters(SEARCH_WEIGHT), (optimum.lam_x, lam_g)
+        solution = solve(problem, optimum.x, p, multipliers=multipliers, purpose="near")
+        check_time()
+        return self._with_required_stability(solution)
+
+    def _problem(self) -> Problem:
+        """Return the problem on the coarse mesh."""
+        return Problem(self.task, self.task.coarse(self.mode), self.blocks)
+
+    def _with_required_stability(self, solution: NlpSolution) -> NlpSolution | None:
+        """Return the solution if it is a stable optimum, or one near it that is; otherwise None."""
+        self._record(solution)
+        near = (x for optimum in self.unstable for _, x in self._enforce_margin(optimum) if x)
+        return next(chain(self.stable, near), None)
+
+    def _record(self, solution: NlpSolution) -> None:
+        """Add a trial, and its solution to the optima if it converged."""
+        is_rejected = any(_is_same(solution, each) for each in self.rejected)
+        is_optimum = solution.converged and not is_rejected
+        self.trials.append(Trial(solution.f, is_optimum, solution.iterations))
+        if solution.is_finite:
+            self.last = solution
+        if is_optimum:
+            self.classify(solution)
+
+    def classify(self, optimum: NlpSolution) -> None:
+        """Add a new optimum to the stable or the unstable ones."""
+        margin = self.task.options.margin
+        if not any(_is_same(optimum, other) for other in self.optima):
+            tolerance = COARSE_RTOL * (margin > 0)
+            is_stable = optimum.problem.is_stable(optimum.x, margin - tolerance)
+            (self.stable if is_stable else self.unstable).append(optimum)
+
+    def reject(self) -> None:
+        """Reject all stable optima, because the settled arm does not have them.
+
+        Under strong loads the arm may take another shape under the tensions of an optimum. The
+        equilibria of these shapes are the next guesses.
+        """
+        if not has_unique_equilibrium(self.task.arm, self.task.scene):
+            self.guesses = chain([optimum.tensions for optimum in self.stable], self.guesses)
+        self.rejected = [*self.rejected, *self.stable]
+        self.stable = []
+        self.trials = [replace(trial, met=False) for trial in self.trials]
+
+    def best(self, limit: float = np.inf) -> Solution | None:
+        """Return the best optimum that can be refined, if its objective is at most `limit`.
+
+        Unstable optima are solved again with a bound on their stability, which increases their
+        objective, unless a stable optimum is better.
+        """
+        lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
+        streams = [self._enforce_margin(unstable[f]) for f in sorted(unstable)[:MAX_ENFORCED]]
+        if self.starts and unstable:
+            streams = [self._descend(min(unstable))]
+        stable = sorted(((each.f, each) for each in self.stable), key=itemgetter(0))
+        for f, optimum in merge(stable, *streams, key=itemgetter(0)):
+            if f > limit:
+                return None
+            refined = None if optimum is None else refine(optimum)
+            if refined is not None:
+                saving = 1 - float(np.sqrt(lost / refined.f)) if lost < refined.f else 0.0
+                saving = saving if saving > 10 * COARSE_RTOL else 0.0
+                self.refined = refined
+                return refined.result(self.trials, lost=saving)
+            if optimum in self.stable:
+                lost = min(lost, f)
+        return None
+
+    def best_of_more_stable(self) -> Solution | None:
+        """Return a result near rejected optima with more stability than required, or None.
+
+        Under strong loads the arm may have several shapes under the tensions of an optimum, and
+        take another one. The arm more often takes shapes with more stability.
+        """
+        if has_unique_equilibrium(self.task.arm, self.task.scene):
+            return None
+        for floor in STABILITY_FLOORS:
+            optima = [each for each in self.optima[:MAX_ENFORCED] if each not in self.below_margin]
+            for optimum in optima:
+                for _, stable in self._enforce_margin(optimum, floor):
+                    refined = None if stable is None else refine(stable)
+                    if refined is not None:
+                        return refined.result(self.trials)
+        return None
+
+    def _descend(self, bound: float) -> Iterator[tuple[float, NlpSolution | None]]:
+        """Yield a lower bound of the objective with None, then stable optima from the starts.
+
+        Descents end after a number of equal optima.
+        """
+        yield bound, None
+        problem = self._problem().replace(modes=1)
+        for start in self.starts:
+            optimum = descend(problem, start)
+            self.descended += [] if optimum is None else [optimum]
+            best = min((each.f for each in self.descended), default=np.inf)
+            n_equal = sum(each.f <= (1 + COARSE_RTOL) * best for each in self.descended)
+            if n_equal >= N_EQUAL_OPTIMA:
+                break
+        for optimum in sorted(self.descended, key=attrgetter("f")):
+            yield optimum.f, optimum
+
+    def _enforce_margin(
+        self, optimum: NlpSolution, floor: float = 0.0
+    ) -> Iterator[tuple[float, NlpSolution | None]]:
+        """Yield the objective of an optimum with None, then that with an optimum near it, if any.
+
+        The optimum near it has the stability that the options require, and at least `floor`. Its
+        objective is at least that of the first. The caller therefore does not solve for the second
+        optimum if another optimum is better.
+        """
+        yield optimum.f, None
+        bound = max(self.task.options.stability_bound, floor)
+        near = enforce_margin(optimum, bound)
+        if near is None:
+            self.below_margin.append(optimum)
+        else:
+            yield near.f, near
+
+
+def _is_same(one: NlpSolution, other: NlpSolution) -> bool:
+    """Return whether two optima have equal unknowns, apart from those of constrained modes."""
+    size = min(one.x.size, other.x.size)
+    return bool(np.abs(one.x[:size] - other.x[:size]).max() <= SAME_OPTIMUM)
