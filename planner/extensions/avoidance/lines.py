@@ -37,9 +37,9 @@ Tensions = Callable[[Counts, Array], Array]
 class Lines:
     """Tensions to centrelines, on one mesh that has given arc lengths as nodes.
 
-    Without loads the shape is a closed form of the tensions; under loads it is looked for near
-    those that are known, and from rest where it is not there. Raises InputError as printed, where
-    other equations would tell of another shape.
+    Without loads the shape is a closed form of the tensions. Under loads the equilibrium is solved
+    near the known equilibria, and from rest if this fails. Raises InputError for printed statics,
+    whose equations differ.
     """
 
     def __init__(
@@ -87,10 +87,10 @@ class Lines:
         return Sections(self.arm, self.scene, law, at, active)
 
     def _equilibrium(self, tensions: Array) -> Equilibrium | None:
-        """Return the equilibrium under tensions (n_tendons,), None where none is found.
+        """Return the equilibrium under tensions (n_tendons,), or None.
 
-        Near those under the two nearest tensions, in proportion between these, and from rest where
-        it is not there.
+        The start is interpolated between the equilibria of the two nearest tensions. If this fails,
+        the arm starts at rest.
         """
         forward, point = self._forward, None
         if self._states:

@@ -41,14 +41,15 @@ CLEAR = "clear"
 _SLOTS = 2
 # Distance over L of the ball that a row without a body keeps clear of.
 _FAR = 10.0
-# Even points that are looked at: the parabola through three is off by a few thousandths of a
-# millimetre where an arm of half a metre passes a body of 5 mm. Rows of one body that are nearer to
-# each other than two of them are one.
+# Number of points at which gaps are evaluated. The parabola through three has an error of a few
+# thousandths of a millimetre if an arm of half a metre passes a body of 5 mm. Rows of one body at
+# less than the spacing of the points count as one row.
 _POINTS = 257
-# What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
-# of arms that touch nothing, to stay on the side where they are.
-_NEAR, _WATCHED = 0.02, 0.15
-# A place [m], another or the numbers of a body, and whether that is a part of a mesh.
+# Gap beyond the clearance, over L, up to which a place gets a row.
+_NEAR = 0.02
+# The same for arms that touch nothing, so that such arms stay on their side of the bodies.
+_WATCHED = 0.15
+# A place [m], another place or the numbers of a body, and whether the body is part of a mesh.
 Pair = tuple[float, float | tuple[float, ...], bool]
 
 
@@ -61,9 +62,9 @@ class Place:
     s : float
         Arc length [m].
     length : float
-        Of the arm between the stations on both sides, deformed [m].
+        Length of the deformed arm between the stations on both sides [m].
     shift : (3,)
-        What the cubic through these lacks [m].
+        Position minus the cubic through these stations [m].
     """
 
     s: float
@@ -263,9 +264,10 @@ def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:
 def avoiding(
     line: Centreline, surroundings: Environment, before: ClearanceConstraints | None
 ) -> tuple[ClearanceConstraints, float]:
-    """Return inequalities where an arm is near, and those from before elsewhere; the least gap [m].
+    """Return the clearance rows of an arm with those from before, and the smallest gap [m].
 
-    At first also where an arm that touches nothing is not so near.
+    Places that are near to a body get a row. The first rows of an arm that touches nothing include
+    places farther away.
     """
     minima = list(_minima(line, surroundings))
     least = min((gap for gap, _ in minima), default=np.inf)

@@ -20,10 +20,11 @@ from octoplan.model.shape import Shape
 
 # Lever arm by which moments are divided to compare them with forces, over the arm's length.
 LEVER = 0.1
-# What tangential forces cost, so that those that nothing determines are small; how far cones are
-# kept from their edges.
-COST, _SHARP = 1e-9, 1e-11
-# A kind of cone, and rows and numbers of unknowns x, of which rows @ x + numbers is in it.
+# Weight of the squares of tangential forces, which keeps undetermined forces small.
+COST = 1e-9
+# Tolerance of conic programs.
+_SHARP = 1e-11
+# A kind of cone, rows and offsets: rows @ x + offsets is in the cone.
 Cone = tuple[Any, Array, Array]
 
 
@@ -48,15 +49,15 @@ class HeldObject(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """A force by which an arm holds an object.
+    """A force of the arm on a held object.
 
     Attributes
     ----------
     obstacle : Convex
     point : (3,)
-        Of its surface, base frame [m].
+        Point of the surface, base frame [m].
     normal, tangential : (3,)
-        On the object [N]: what the arm's equilibrium presses, and friction within its cone.
+        Forces on the object [N]: the normal force of the equilibrium, and friction in its cone.
     """
 
     obstacle: Convex
@@ -67,18 +68,18 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Places that touch an object, and the wrench on it: forces over its size.
+    """The contact points of an object and the wrench on the object, over the size of the wrench.
 
     Attributes
     ----------
     bases : (k, 3, 2)
-        Two directions across each normal.
+        Two directions perpendicular to each normal.
     columns : (3 or 6, 2 k)
-        The wrenches of unit forces along them.
+        The wrenches of unit forces along the bases.
     still : (3,) or (6,)
-        The wrench with the forces along the normals, which the arm's equilibrium presses.
+        The wrench with the normal forces of the equilibrium.
     most : (k,)
-        How large tangential forces are by friction at the most.
+        Largest tangential forces.
     """
 
     bases: Array
@@ -88,7 +89,7 @@ class Grasp:
 
     @classmethod
     def of(cls, arm: Arm, contacts: Iterable[ContactPoint], hold: HeldObject) -> Grasp:
-        """Return that of what a settled arm leans on."""
+        """Return the grasp of a settled arm."""
         touches = [touch for touch in contacts if touch.obstacle == hold.obstacle]
         points, normals, forces = (
             np.array([getattr(touch, name) for touch in touches]).reshape(-1, 3)
@@ -98,9 +99,9 @@ class Grasp:
 
     @classmethod
     def at(cls, arm: Arm, hold: HeldObject, points: Array, normals: Array, forces: Array) -> Grasp:
-        """Return that of points (k, 3) [m], normals out of the object, and forces (k,) [N] there.
+        """Return the grasp of points (k, 3) [m], outward normals, and normal forces (k,) [N].
 
-        Moments are over a tenth of the arm's length.
+        Moments are divided by LEVER times the arm's length.
         """
         lever, size = LEVER * arm.length, hold.size(arm)
         first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
@@ -117,7 +118,7 @@ class Grasp:
 
     @classmethod
     def joined(cls, grasps: Sequence[Grasp]) -> Grasp:
-        """Return several as one."""
+        """Return several grasps as one."""
         still = np.concatenate([np.zeros(0), *(grasp.still for grasp in grasps)])
         most = np.concatenate([np.zeros(0), *(grasp.most for grasp in grasps)])
         bases = np.concatenate([np.zeros((0, 3, 2)), *(grasp.bases for grasp in grasps)])
@@ -126,28 +127,28 @@ class Grasp:
 
     @cached_property
     def best(self) -> Array:
-        """The tangential forces along the bases (2 k,) in their cones that leave least."""
+        """The tangential forces along the bases (2 k,) that balance the wrench best."""
         x = self._conic(-1, np.inf)
         return np.zeros(2 * self.most.size) if x is None else x[:-2]
 
     @property
     def least(self) -> Array:
-        """What they leave of the wrench (3,) or (6,)."""
+        """The remaining wrench (3,) or (6,) with the best tangential forces."""
         return np.asarray(self.still + self.columns @ self.best)
 
     def needed_friction(self, left: float) -> float:
-        """Return the least part of the friction that leaves so much of the wrench at most.
+        """Return the smallest share of the friction for which at most `left` of the wrench remains.
 
-        All of it where no less does.
+        1 if no smaller share suffices.
         """
         x = self._conic(-2, left)
         return 1.0 if x is None else float(max(x[-2], 0.0))
 
     def _conic(self, least: int, left: float) -> Array | None:
-        """Return (z, mu, t), of which one is `least`: mu up to 1, t up to what is left.
+        """Return (z, mu, t) with the smallest component `least`, for mu <= 1 and t <= left.
 
-        Tangential forces z are within cones of that part of the friction, and leave t. None where
-        there are none.
+        Tangential forces z are in the cones of the share mu of the friction; the remaining wrench
+        has the norm t. None without solution.
         """
         *f, mu, t = each = np.eye(self.columns.shape[1] + 2)
         most = min(left, 2 * float(np.linalg.norm(self.still)))
@@ -165,7 +166,7 @@ class Grasp:
 
 
 def conic_program(H: Array, cost: Array, cones: Sequence[Cone]) -> tuple[Array, Array] | None:
-    """Return x of least x . H x / 2 + cost . x within cones, and their multipliers; None without.
+    """Return the minimiser of x . H x / 2 + cost . x within cones, and the multipliers, or None.
 
     By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
     """
@@ -181,7 +182,7 @@ def conic_program(H: Array, cost: Array, cones: Sequence[Cone]) -> tuple[Array, 
 
 
 def grips_of(shape: Shape, hold: HeldObject) -> tuple[Grip, ...]:
-    """Return the forces on an object that leave least of the wrench, from base to tip."""
+    """Return the forces on an object that balance the wrench best, from base to tip."""
     grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
     tangential = size * np.einsum("kij,kj->ki", grasp.bases, grasp.best.reshape(-1, 2))
     touches = [touch for touch in shape.contacts if touch.obstacle == hold.obstacle]

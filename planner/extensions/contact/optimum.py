@@ -1,4 +1,4 @@
-"""The optimum that a program of an arm in contact leads to, by a trust region."""
+"""Optima of programs of arms in contact, by a trust region."""
 
 from __future__ import annotations
 
@@ -17,33 +17,37 @@ from octoplan.planner.extensions.contact.load_path import LoadPath
 from octoplan.planner.extensions.contact.program import Constraints, TensionProgram
 from octoplan.planner.limits import natural_tensions
 
-# Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
-_STEPS, _RADIUS = 100, 0.25
-# The least and the largest penalty of violations: less of it lets a margin of stability, which is
-# linear nearby alone, be violated again and again. Violations and steps that count as 0.
-_PENALTIES, _NONE = (10.0, 1e5), 1e-7
-# Merits are compared with the largest of so many.
+# Largest number of steps, with failed steps.
+_STEPS = 100
+# First trust region, in units of the tensions that bend the arm by 1 rad.
+_RADIUS = 0.25
+# Smallest and largest penalty of violations. With smaller penalties the stability margin, whose
+# linearisation holds only nearby, is violated again and again.
+_PENALTIES = (10.0, 1e5)
+# Violations and steps below this count as 0.
+_NONE = 1e-7
+# Number of recent merits; a step may raise the merit up to the largest of these.
 _RECENT = 3
 
 
 @dataclass(frozen=True, eq=False)
 class ContactOptimum:
-    """Where a program leads from an equilibrium.
+    """The optimum that the steps reach from an equilibrium.
 
     Attributes
     ----------
     point : Equilibrium
         The equilibrium.
     violation : float
-        The norm of the violations; 0 where all are met.
+        Norm of the violations; 0 if all constraints are met.
     residual : float
         Of the first-order conditions, scaled.
     lam_x : (n_tendons,)
         The multipliers of limits, above 0 at the upper ones.
     lam_g : (0,) or (1,)
-        That of the stability it is held to, where that costs effort.
+        Multiplier of the stability bound, if the bound costs effort.
     load_path : LoadPath
-        The tensions by which it was come to, without those it begins with and its own.
+        Tensions of the steps, without the first and the last.
     """
 
     point: Equilibrium
@@ -55,22 +59,22 @@ class ContactOptimum:
 
     @property
     def is_optimal(self) -> bool:
-        """Whether all is met, and tensions are least nearby."""
+        """Whether the constraints and the first-order conditions are met."""
         return not self.violation and self.residual < 3 * _NONE
 
     @property
     def cost(self) -> tuple[float, bool, float]:
-        """What is compared: violations, whether tensions are not least nearby, effort [N]."""
+        """The order of optima: violation, whether not optimal, effort [N]."""
         return self.violation, not self.is_optimal, float(np.linalg.norm(self.point.tensions))
 
 
 def optimum(
     program: TensionProgram, begin: Equilibrium, start: Array | None = None
 ) -> ContactOptimum:
-    """Return the optimum that a program leads to from an equilibrium, or from other tensions.
+    """Return the optimum from an equilibrium, or from other tensions.
 
-    Where the constraints cannot be met from there, where they are violated least, or a kink; out of
-    time, the last iterate. Raises what settling the start does.
+    If the constraints cannot be met from there, the result is a point of least violation, or a
+    kink; if the time is over, the last iterate. Raises the errors of settling the start.
     """
     at = program.at((begin.tensions if start is None else start) / program.unit, begin)
     path, n = [at], program.n
@@ -87,10 +91,10 @@ def optimum(
 
 
 def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]:
-    """Yield where steps lead from constraints at tensions, until they are too short to count.
+    """Yield the constraints after each step, until steps are too short to count.
 
-    A step fails where no shape is settled, or where the merit is above the largest of the last
-    ones, as steps along curved constraints violate these a little; the next is shorter then.
+    A step fails if the shape does not settle, or if the merit exceeds the largest recent merit:
+    steps along curved constraints violate the constraints a little. The next step is then shorter.
     """
     natural, n = natural_tensions(program.task.arm) / program.unit, program.n
     radius, penalty, recent = _RADIUS, _PENALTIES[0], [at]
@@ -122,9 +126,10 @@ def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]
 def steered(
     at: Constraints, hessian: Array, radius: Array, penalty: float
 ) -> tuple[Array, Array, Array, float]:
-    """Return the step of least merit, see Constraints.step, and the penalty that it is by.
+    """Return the step of least merit, see Constraints.step, and its penalty.
 
-    The least from one on by which most of the violations go that any penalty would take away.
+    The penalty is the smallest for which the step removes most of the violation that the largest
+    penalty would remove.
     Source: Byrd, Nocedal, Waltz, "Steering exact penalty methods for nonlinear programming",
     Optimization Methods and Software 23 (2008).
     """
@@ -137,10 +142,9 @@ def steered(
 
 
 def conditions(at: Constraints) -> tuple[float, Array]:
-    """Return how far the first-order conditions are from being met, and their multipliers.
+    """Return the residual of the first-order conditions, and the multipliers.
 
-    These are by the step with the effort's Hessian, as Constraints has them: the less it is, the
-    better the conditions.
+    The residual is the size of the step with the Hessian of the effort; see Constraints.step.
     """
     n = at.tensions.size
     change, tangential, *_, penalty = steered(at, np.eye(n), np.ones(n), _PENALTIES[0])

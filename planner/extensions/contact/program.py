@@ -10,7 +10,7 @@
 By the exact penalty of the violations' norm in a trust region, which steps over kinks where places
 come and go (Fletcher, Practical Methods of Optimization, 1987, section 14.3). The shape's
 derivatives are by the implicit function theorem; each step is a conic program, in which tangential
-forces are unknowns within their cones. Where constraints cannot be met violations become least.
+forces are unknowns within their cones. If constraints cannot be met, their violation is minimised.
 """
 
 from __future__ import annotations
@@ -37,8 +37,10 @@ from octoplan.planner.extensions.contact.load_path import LoadPath, path_sensiti
 from octoplan.planner.limits import natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
 
-# Steps of differences in scaled tensions: of states, and of shapes settled anew.
-_STEP, _CHANGE = 1e-6, 1e-5
+# Step of differences of states, in scaled tensions.
+_STEP = 1e-6
+# Step of differences of settled shapes, in scaled tensions.
+_CHANGE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +53,16 @@ class Constraints:
     tensions : (n,)
         Scaled.
     room : (2, n)
-        How far they are from their upper bounds, and from the lower ones.
+        Distances from the upper and from the lower bounds.
     equal, unequal : (m, 1 + n)
-        Residuals, and inequalities, met at 0 and above; then their derivatives. The first
-        inequality is the margin of stability, where there is one.
+        Values of equalities (= 0) and inequalities (>= 0), then the derivatives. The first
+        inequality is the stability margin, if there is one.
     grasp : Grasp
-        Of all objects held.
+        The grasp of all held objects.
     grasp_rates : (m, n)
-        The derivatives of its wrenches, bounds and columns.
+        Derivatives of wrenches, bounds and columns of the grasp.
     tangential : (2 k,)
-        Forces on objects at which they are linearised, along the bases of the grasp.
+        Tangential forces of the linearisation, along the bases of the grasp.
     """
 
     point: Equilibrium
@@ -114,12 +116,12 @@ class Constraints:
     def step(
         self, hessian: Array, radius: Array, penalty: float
     ) -> tuple[Array, Array, Array, float]:
-        """Return the step of least merit in a trust region (n,), by the Lagrangian's Hessian.
+        """Return the step of least merit in a trust region (n,), for a Hessian of the Lagrangian.
 
-        The change of scaled tensions (n,), the tangential forces after it (2 k,), multipliers, and
-        the violation that is left. The multipliers are of bounds above and below (2 n,), then of
-        the constraints as their cones have them; 0 for the violation, whose multiplier is the
-        penalty. Raises UnsettledContactError if no step is found.
+        Returns the change of the scaled tensions (n,), the new tangential forces (2 k,), the
+        multipliers and the remaining violation. Multipliers are those of the upper and lower bounds
+        (2 n,), then those of the cones; the multiplier of the violation, which is the penalty, is
+        set to 0. Raises UnsettledContactError if no step is found.
         """
         n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
         T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
@@ -142,11 +144,11 @@ class TensionProgram:
     map : TouchingMap
         Tensions to equilibria.
     unit : float
-        Of tensions [N].
+        Unit of tensions [N].
     least : float
-        The stability that shapes are held to; none with 0.
+        Lower bound of the stability; 0 for no bound.
     begin : Equilibrium or None
-        With friction the end of the load path, where the arm begins.
+        With friction, the equilibrium at the end of the load path.
     """
 
     def __init__(
@@ -162,7 +164,7 @@ class TensionProgram:
         self.begin = self.along(load_path) if rubs(task.scene) else None
 
     def settled(self, tensions: Array, near: Equilibrium | None = None) -> Equilibrium:
-        """Return the equilibrium from rest, or next to another; raises what settling does."""
+        """Return the equilibrium from rest, or near another; raises the errors of settling."""
         point = self.map.solve(tensions) if near is None else self.map.beside(near, tensions)
         if point is None:
             raise UnsettledContactError(1.0, "none is found next to another")
@@ -170,7 +172,7 @@ class TensionProgram:
         return point
 
     def along(self, load_path: LoadPath) -> Equilibrium:
-        """Return the equilibrium at the end of a load path; raises what settling does.
+        """Return the equilibrium at the end of a load path; raises the errors of settling.
 
         Friction acts beyond the first tensions.
         """
@@ -184,9 +186,10 @@ class TensionProgram:
     def at(
         self, tensions: Array, near: Equilibrium, tangential: Array | None = None
     ) -> Constraints:
-        """Return the constraints at scaled tensions, next to an equilibrium; raises as settling.
+        """Return the constraints at scaled tensions, near an equilibrium.
 
-        Equilibrium at tangential forces, or the best ones where others touch, or none are given.
+        The linearisation is at given tangential forces; at the best forces if none are given, or if
+        the set of contacts changes. Raises the errors of settling.
         """
         allowed = self.task.allowed
         lower, upper = np.array(allowed.lower), np.array(allowed.upper)
@@ -211,11 +214,11 @@ class TensionProgram:
         return Constraints(point, tensions, room, equal, unequal, grasp, grasped[:, 1:], f)
 
     def _equilibrium_near(self, tensions: Array, near: Equilibrium) -> tuple[Equilibrium, Array]:
-        """Return the equilibrium next to another, and its states' derivatives by the tensions.
+        """Return the equilibrium near another, and the derivatives (n_states, n_tendons) of states.
 
-        These are (n_states, n_tendons). With friction it is come to in a straight line of tensions
-        from where the arm began, against which friction acts all along. Elsewhere points that do
-        not press count as free in them.
+        With friction, the arm moves in a straight line of tensions from the begin, and friction
+        acts against this motion. Without friction, the derivatives treat points without force as
+        free.
         """
         if self.begin is not None:
             end = self.map.solve(tensions, self.begin, jumps=False)
@@ -228,18 +231,20 @@ class TensionProgram:
         return point, released.by_tensions
 
     def _residuals(self, point: Equilibrium) -> Callable[[Array], tuple[Grasp, Array]]:
-        """Return what is measured next to an equilibrium, as a function of changes of its states.
+        """Return a function from changes of the states to the grasp and to all values.
 
-        That is the grasp, and numbers: residuals, inequalities of the targets, those of the grasp.
-        Raises UnsettledContactError where the arm does not touch what it holds.
+        Values are residuals and inequalities of the targets, then the numbers of the grasp. Raises
+        UnsettledContactError if the arm does not touch a held object.
         """
         system, arm = point.system, self.task.arm
         nodes = system.layout.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
         touches, bodies = ContactFlags.of(system), contacts(system.scene)
         which, step = np.nonzero(touches.touching), _STEP * arm.length
         s = system.mesh.s[which[0]]
-        before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
-        tangents = (after - before) / step * touches.moves[which][:, None]
+        tangents = np.zeros((s.size, 3))
+        if s.size:
+            before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
+            tangents = (after - before) / step * touches.moves[which][:, None]
         leans = [
             (hold, [bodies[j].obstacle == hold.obstacle for j in which[1]]) for hold in self.holds
         ]
@@ -266,10 +271,10 @@ class TensionProgram:
         return at
 
     def _margin(self, point: Equilibrium, tensions: Array) -> Array:
-        """Return stability beyond what it is held to, and its derivatives by differences.
+        """Return stability minus its bound, and the derivatives by differences of settled shapes.
 
-        Places move with the tensions. Far beyond it no numbers count. Raises SnapError where the
-        arm is unstable.
+        Contact points move with the tensions. Far above the bound the values do not matter. Raises
+        SnapError if the arm is unstable.
         """
         if is_stable(point, 2 * self.least):
             return np.append(1.0, np.zeros(self.n))

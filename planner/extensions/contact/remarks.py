@@ -20,9 +20,11 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.planner.limits import Limits, natural_tensions
 
-# Where a part is looked at; the step of differences [m], and over the arm's length what is close.
-LOOKS, _STEP = 201, 1e-6
-# What is taken for no limit of tensions, in those that bend the arm by 1 rad.
+# Number of places at which a part is evaluated.
+LOOKS = 201
+# Step of differences [m], and tolerance of gaps over the arm's length.
+_STEP = 1e-6
+# Tensions without a limit count as this multiple of the tensions that bend the arm by 1 rad.
 _STRONG = 20.0
 
 
@@ -73,7 +75,7 @@ def curvature_remark(wrap: ObstaclePart, shape: Shape, limits: Limits) -> str:
 
 
 def _part_along(wrap: ObstaclePart, shape: Shape, s: Array, near: NDArray[np.bool_]) -> str:
-    """Return which part of the wrap lies along the obstacle in a shape: it can be had alone."""
+    """Return a sentence about the longest part that lies along the obstacle in a shape."""
     parts = [s[part] for (part,) in find_objects(label(near)[0])]
     longest = max(parts, key=len, default=s[:0])
     if longest.size < 2:
@@ -86,9 +88,9 @@ def _part_along(wrap: ObstaclePart, shape: Shape, s: Array, near: NDArray[np.boo
 
 
 def turned(shape: Shape, obstacle: Obstacle, s: Array) -> Array:
-    """Return the turns round an obstacle from the first of arc lengths (n,) [m] to each (n,).
+    """Return the turns around an obstacle from the first arc length to each of (n,) [m].
 
-    By how much the obstacle's normal rotates along the arm, over 2 pi.
+    The rotation of the obstacle's normal along the arm, over 2 pi.
     """
     normals = obstacle.gradient(shape.position(s))
     half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
@@ -96,10 +98,10 @@ def turned(shape: Shape, obstacle: Obstacle, s: Array) -> Array:
 
 
 def curvature_along(wrap: ObstaclePart, shape: Shape, s: Array, gap: float = 0.0) -> Array:
-    """Return the curvature that the midline has where it lies along the obstacle (k,) [1/m].
+    """Return the curvature of a midline that lies along the obstacle (k,) [1/m].
 
-    That of the surface at the midline's distance from it, along the arm's tangent: t . H t with the
-    Hessian H of the distance, at the distance of the arm's radius and a gap over that radius.
+    The curvature t . H t of the surface at the distance of the midline, in the direction t of the
+    arm's tangent, with the Hessian H of the distance. `gap` is the gap over the arm's radius.
     """
     arm, body = shape.arm, wrap.obstacle
     points, radius = shape.position(s), arm.outer_radius(s)[0]

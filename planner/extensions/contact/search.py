@@ -104,9 +104,9 @@ class ContactSearch:
         self.best: ContactOptimum | None = None
 
     def run(self) -> Solution:
-        """Return the best optimum from the guesses, or the best so far out of time.
+        """Return the best optimum from the guesses, or the best so far if the time is over.
 
-        Where the search began where there is none.
+        The tensions at which the search began if there is no optimum.
         """
         stopped, nearby = False, [] if self.begin is None else [self.begin]
         try:
