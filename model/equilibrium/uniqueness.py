@@ -28,11 +28,11 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky_banded
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects.sections import Shear
+from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.loads import force_bound, turning_bounds
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.stations import body_stiffness
+from octoplan.model.stations import stations
 
 # Largest value of (1 + cos psi) / 2 + sin(psi) / pi.
 SPATIAL = 0.5 + np.hypot(0.5, 1 / np.pi)
@@ -49,10 +49,9 @@ def has_unique_equilibrium(arm: Arm, scene: Scene) -> bool:
     """
     s = np.linspace(0.0, arm.length, _INTERVALS + 1)
     middle = (s[1:] + s[:-1]) / 2
-    area = np.pi * arm.radius.evaluate(middle, arm.length)[0] ** 2
-    EA, EJ, GI = body_stiffness(arm.material, np.array([area, area**2 / (4 * np.pi)]))
-    shear = scene.find(Shear)
-    axial = np.minimum(EA, shear.k_s * arm.material.G * area) if shear else EA
+    at = stations(arm, middle, np.zeros(middle.size, np.int64))
+    EA, EJ, GI, GA = body_numbers(arm, scene, at)[:4]
+    axial = np.minimum(EA, GA) if GA.any() else EA
     stiffness = np.minimum(EJ, GI) / np.diff(s)
     force = force_bound(arm, scene, s)
     stretch = force / np.interp(s, middle, axial)

@@ -84,6 +84,7 @@ class TendonFriction(RodTerm):
     mu: float
     direction: int | tuple[int, ...]
     couples_sections = True
+    bends = False
     n_tendon_states = 1
     section_parameters: ClassVar[Sizes] = {"dead_load": 3}
     tendon_parameters: ClassVar[Sizes] = {"signed_mu": 1, "path_rate": 4}

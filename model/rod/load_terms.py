@@ -26,6 +26,7 @@ class CouplingTerm(RodTerm):
     """Couples and twists the cross-sections without a load; the law of the sections needs it."""
 
     couples_sections = True
+    bends = False
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,6 @@ class WeightTerm(RodTerm):
     g: Vector
     fluid_density: float
     couples_sections = True
-    bends = True
 
     def specific_weight(self, arm: Arm) -> Array:
         """Return the weight of a volume of the body minus that of the fluid (3,) [N/m3]."""
@@ -65,6 +65,10 @@ class WeightTerm(RodTerm):
         """Return the size of the weight between s and the tip."""
         return _capped_norm(self.specific_weight(arm)) * volume(arm, s)
 
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return no moment: weight is a dead force on the midline."""
+        return ()
+
 
 @dataclass(frozen=True)
 class DeadTipTerm(RodTerm):
@@ -73,7 +77,6 @@ class DeadTipTerm(RodTerm):
     force: Vector
     moment: Vector
     couples_sections = True
-    bends = True
     node_parameters: ClassVar[Sizes] = {"moment": 3}
 
     @property
@@ -114,7 +117,6 @@ class FollowerTerm(RodTerm):
     moment: Vector
     couples_sections = True
     depends_on_shape = True
-    bends = True
     node_parameters: ClassVar[Sizes] = {"force": 3, "moment": 3}
 
     @property
@@ -168,7 +170,6 @@ class PointForceTerm(RodTerm):
     force: Vector
     offset: Vector | None
     couples_sections = True
-    bends = True
     node_parameters: ClassVar[Sizes] = {"offset": 3, "force": 3}
 
     def required_arc_lengths(self, arm: Arm) -> tuple[float, ...]:
@@ -220,7 +221,6 @@ class DragTerm(RodTerm):
     coefficient: float
     couples_sections = True
     depends_on_shape = True
-    bends = True
     uniform_parameters: ClassVar[Sizes] = {"velocity": 3}
     section_parameters: ClassVar[Sizes] = {"drag": 1}
 

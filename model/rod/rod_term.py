@@ -207,8 +207,6 @@ class RodTerm:
         the nodes and torsion a strain.
     depends_on_shape : bool
         Whether some of its force depends on the shape, so that the force is a state of the nodes.
-    bends : bool
-        Whether it may bend an arm to the other side than the tendons do.
     n_tendon_states : int
         Number of states of each tendon at each node.
     uniform_parameters, section_parameters, tendon_parameters, node_parameters : dict of int
@@ -219,12 +217,16 @@ class RodTerm:
 
     couples_sections: bool = False
     depends_on_shape: bool = False
-    bends: bool = False
     n_tendon_states: int = 0
     uniform_parameters: ClassVar[Sizes] = {}
     section_parameters: ClassVar[Sizes] = {}
     tendon_parameters: ClassVar[Sizes] = {}
     node_parameters: ClassVar[Sizes] = {}
+
+    @property
+    def bends(self) -> bool:
+        """Whether the load may bend an arm to the other side than the tendons do."""
+        return self.couples_sections
 
     @property
     def is_conservative(self) -> bool:
@@ -311,9 +313,10 @@ class RodTerm:
 
         Pairs of an arc length [m] and a moment [N m], for all loads that are no dead forces on the
         midline. The bound of the rotations does not decrease from base to tip, so that a load that
-        changes with the shape is bounded by its lever arm to the base.
+        changes with the shape is bounded by its lever arm to the base. By default the moment of a
+        load that bends the arm has no bound, so that stability is always tested.
         """
-        return ()
+        return ((arm.length, np.inf),) if self.bends else ()
 
     # Tendons
 

@@ -14,6 +14,7 @@ from scipy.optimize import root
 
 from octoplan import Arm, Scene, TipPosition, plan, settle
 from octoplan.model.effects.base import Effect, EffectSet
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.mesh import Mesh
 from octoplan.model.rod.rod_term import NodeView, RodTerm, Sizes, Values
 from octoplan.model.stations import Counts
@@ -30,7 +31,6 @@ class MagneticTipTerm(RodTerm):
     dipole: tuple[float, ...]
     field: tuple[float, ...]
     couples_sections = True
-    bends = True
     node_parameters: ClassVar[Sizes] = {"dipole": 3, "field": 3}
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
@@ -90,3 +90,7 @@ def test_plan_with_a_magnet_meets_its_target_and_is_certified() -> None:
     result = plan(arm, TipPosition(tuple(target)), scene)
     assert result.certificate.passed
     assert np.abs(result.shape.tip - target).max() < 1e-4 * arm.length
+
+
+def test_load_without_bounds_may_have_several_equilibria() -> None:
+    assert not has_unique_equilibrium(Arm.from_paper("table-2"), SCENE)

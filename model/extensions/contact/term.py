@@ -90,7 +90,6 @@ class ContactTerm(RodTerm):
     pressed: bool = False
     couples_sections = True
     depends_on_shape = True
-    bends = True
 
     def structure(self) -> Hashable:
         """Return the number of obstacles, and whether there is friction, and pressure."""
@@ -123,6 +122,10 @@ class ContactTerm(RodTerm):
     def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
         """Return 2 with friction, which acts at nodes if a part conforms to an obstacle."""
         return min(order, 2) if self.has_friction else order
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return no moment: stability in contact is tested with contacts closed."""
+        return ()
 
     def node_kernels(self, places: RodPlaces) -> list[Term]:
         """Return the contact of the nodes with all obstacles."""
