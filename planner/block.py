@@ -2,20 +2,20 @@
 
 A block adds to the program (octoplan.planner.program) any of
 
-    decisions      unknowns without an equation of their own: slacks, the largest tension
+    decisions      unknowns without equations: slacks, the largest tension
     dependents     unknowns with as many equations, which are placed kernels: responses, a mode
     measurements   quantities of the arm, taken from the unknowns on the mesh of the program; the
                    program adds the defect of the mesh (octoplan.planner.solve.refine)
-    rows           expressions of all these, between bounds
+    rows           expressions of all unknowns and measurements, between bounds
     misses         expressions whose squares the relaxed program minimises
     objectives     expressions whose sum replaces the effort
 
 A new constraint is a subclass of Block. A strategy (octoplan.planner.strategy) passes blocks to
 `RelaxationStage(blocks=...)` and stores their `Constraints` in `Solution.avoidance`, so that the
 plan states the same program again; octoplan.planner.extensions.avoidance is an example. A target
-needs no block of its own: octoplan.planner.targets.target_rows states the rows of all targets.
+needs no block: octoplan.planner.targets.target_rows states the rows of all targets.
 
-A block is a frozen dataclass. Its compared fields are its structure: two equal blocks add the same
+A block is a frozen dataclass. The compared fields are the structure: two equal blocks add the same
 expressions to a program. Fields with `compare=False` are numbers, which a program never reads.
 
 Rows keep their bounds. An equation with a bounded unknown for each inequality would be the same
@@ -55,7 +55,7 @@ class Rows(NamedTuple):
 class Parts(NamedTuple):
     """Columns of expressions that a block adds to rows and objective.
 
-    `effort` replaces the norm of the tensions, if it is not None.
+    `effort` replaces the norm of the tensions unless None.
     """
 
     rows: Sequence[Rows] = ()
@@ -139,7 +139,7 @@ class Block:
         rod : (n_x,)
             Places of the rod's tensions, load factor and states among all unknowns.
         unknown, row : int
-            Place of the first dependent and of its equation.
+            Place of the first dependent and of the first equation.
         """
         return []
 
@@ -162,7 +162,7 @@ class Block:
         return np.zeros(0)
 
     def bounds(self) -> Mapping[str, tuple[Array | float, Array | float]]:
-        """Return lower and upper bounds by kind of row, if these are numbers of the block."""
+        """Return lower and upper bounds by kind of row, if the block has such numbers."""
         return {}
 
     def active_limits(
@@ -186,13 +186,13 @@ class Block:
         return {}
 
     def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
-        """Return the scales of the dependents and of their equations (n_dependents,)."""
+        """Return the scales of dependents and equations (n_dependents,)."""
         return np.ones(self.n_dependents), np.ones(self.n_dependents)
 
     def slack_rows(self) -> tuple[str, list[int]]:
-        """Return kind and numbers of the rows whose slacks are the decisions, if these are slacks.
+        """Return kind and numbers of the rows whose slacks are the decisions, if any.
 
-        The problem starts slacks at the violations of their rows.
+        The initial value of a slack is the violation of the row.
         """
         return "", []
 
@@ -201,14 +201,14 @@ class Block:
         return np.zeros(self.n_decisions)
 
     def initial_dependents(self, equilibrium: Equilibrium) -> Array:
-        """Return initial values of the dependents in SI units, unless their equations are linear.
+        """Return initial values of the dependents in SI units, unless the equations are linear.
 
         The problem solves linear equations.
         """
         raise NotImplementedError
 
     def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
-        """Return the measurements of a settled shape, given those on the mesh (n_measured,)."""
+        """Return the measurements (n_measured,) of a settled shape, from the values on the mesh."""
         return on_mesh
 
     def measurement_scales(self, arm: Arm) -> Array:

@@ -36,7 +36,7 @@ TOTAL_PULL = "total pull"
 STROKES = "strokes"
 # Least stretch 1 + q of a plan [-].
 PLANNED_STRETCH = 1e-3
-# Stretch above which a cross-section is far from collapse, so that its defect is left out [-].
+# Stretch above which a cross-section is far from collapse, so that no defect is added [-].
 FAR_FROM_COLLAPSE = 0.1
 
 
@@ -80,10 +80,10 @@ class LeastStretch(Block):
     ----------
     layout : Layout
     thinnest : tuple of (int, int)
-        In each segment, the element and its end, 0 or 1, at which the body is thinnest; empty
+        In each segment, the element and the end, 0 or 1, at which the body is thinnest; empty
         without extension.
     s : tuple of float
-        Arc lengths of these places, inside of their elements: strains jump at anchorages [m].
+        Arc lengths of the thinnest places, inside of the elements: strains jump at anchorages [m].
     """
 
     layout: Layout

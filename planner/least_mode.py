@@ -1,4 +1,4 @@
-"""The block of the stability margin: the least stable mode and its eigenvalue.
+"""The block of the stability margin: the least stable mode and the eigenvalue.
 
     unknowns z, sigma:    dr/dS z - sigma B z = 0,    |z| = 1,    sigma >= margin
 
@@ -117,7 +117,7 @@ class LeastMode(Block):
     def active_limits(
         self, arm: Arm, multipliers: Callable[[str], Array]
     ) -> list[tuple[float, str]]:
-        """Return the margin, if its multiplier is not zero."""
+        """Return the margin, if the multiplier is not zero."""
         is_active = multipliers(STABILITY).min(initial=0.0) < -ACTIVE
         return [(np.inf, active_margin(self.margin))] if is_active else []
 
@@ -138,7 +138,7 @@ def _mode_stiffness() -> Kernel:
 
 
 def _mode_norm() -> Kernel:
-    """Return the kernel of one term of the norm of a mode, minus its share of the norm 1."""
+    """Return the kernel of one term of the norm of a mode, minus a share of the norm 1."""
     y = ca.SX.sym("y")
     weight = ca.SX.sym("weight")
     share = ca.SX.sym("share")

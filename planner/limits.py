@@ -33,7 +33,7 @@ class Limits:
     total : float or None
         Upper bound on the sum of the tensions [N].
     strokes : ((n_tendons,), (n_tendons,)) or None
-        Smallest and largest stroke of each tendon: the length that its winch takes in [m].
+        Smallest and largest stroke of each tendon: the length that the winch takes in [m].
     stroke_zero : (n_tendons,) or None
         Lengths of the tendons at stroke 0 [m]; None for the lengths in the straight arm at rest.
     """
@@ -91,7 +91,7 @@ class Limits:
         return replace(self, strokes=(tuple((0.0 - paid_out).tolist()), tuple(high.tolist())))
 
     def of_tendons(self, pulling: Collection[int]) -> Limits:
-        """Return the limits with the upper bounds of all other tendons at their lower bounds."""
+        """Return the limits with all other tendons fixed at the lower bounds."""
         both = enumerate(zip(self.lower, self.upper, strict=True))
         upper = tuple(most if j in pulling else least for j, (least, most) in both)
         return replace(self, upper=upper)

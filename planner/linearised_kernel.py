@@ -13,7 +13,7 @@ from octoplan.model.support.machine.functions import cached
 
 
 class LinearisedKernel(Kernel):
-    """The derivative of a kernel along changes of some of its unknowns, and of its parameters.
+    """The derivative of a kernel along changes of some unknowns, and of the parameters.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class LinearisedKernel(Kernel):
         super().__init__(name, y, parameters, self._directional_derivative(kernel.r))
 
     def _differentiated(self, what: What) -> tuple[ca.Function, Places, Places]:
-        """See Kernel. With J and H those of the kernel: (J', J) and r', or ((H', H), (H, 0))."""
+        """See Kernel. With the kernel's J and H: (J', J) and r', or ((H', H), (H, 0))."""
         if what == "parameter_jacobian":
             return super()._differentiated(what)
         is_hessian = what == "hessian"
@@ -61,7 +61,7 @@ class LinearisedKernel(Kernel):
             columns.append(i[mixed])
             values.append(mixed_values)
         inputs = [self.y, self.c, lam][: 2 + is_hessian]
-        # The kernel shares common subexpressions already, and so do its derivatives.
+        # Kernel and derivatives share common subexpressions already.
         results = [ca.densify(ca.vertcat(*values)), *[self.r] * (what == "jacobian")]
         derivative = ca.Function(f"{self.name}_{what}", inputs, results)
         return derivative, np.concatenate(rows), np.concatenate(columns)
@@ -72,11 +72,11 @@ class LinearisedKernel(Kernel):
 
 
 def linearised(kernel: Kernel) -> LinearisedKernel:
-    """Return the derivative of a kernel along changes of all its unknowns and parameters."""
+    """Return the derivative of a kernel along changes of all unknowns and parameters."""
     every = tuple(range(kernel.y.numel()))
     return cached(LinearisedKernel, f"{kernel.name}_linearised", kernel, every, True)
 
 
 def linearised_in(kernel: Kernel, changing: tuple[int, ...]) -> LinearisedKernel:
-    """Return the derivative of a kernel along changes of some unknowns, by their places."""
+    """Return the derivative of a kernel along changes of the unknowns at some places."""
     return cached(LinearisedKernel, f"{kernel.name}_mode", kernel, changing, False)

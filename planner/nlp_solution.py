@@ -1,7 +1,8 @@
 """Solutions of nonlinear programs: unknowns, multipliers and the residual of optimality.
 
-With decisions a, dependent unknowns S (states of the rod and dependents of blocks), their equations
-c(a, S) = 0, whose Jacobian c_S is square and regular, a function r of both has the derivative
+With tensions and decisions a, dependent unknowns S (states of the rod and dependents of blocks) and
+the equations c(a, S) = 0, whose Jacobian c_S is square and regular, a function r of both has the
+derivative
 
     dr/da = r_a + mu^T c_a,    c_S^T mu = -r_S
 
@@ -86,12 +87,12 @@ class NlpSolution(SolverResult):
 
     @cached_property
     def derivatives(self) -> tuple[Array, Array, csc_array]:
-        """The gradient of the objective, the rows and their Jacobian."""
+        """The gradient of the objective, the rows and the Jacobian of the rows."""
         p = self.problem.parameters_at(self.x, self.problem.parameters(defect=self.defect))
         return self.problem.program.evaluate(self.x, p)[1:]
 
     def with_adjoint(self) -> NlpSolution:
-        """Return the solution with multipliers of the equations, from those of the design rows.
+        """Return the solution with multipliers of the equations from those of the design rows.
 
         Multipliers of states and dependents, which have no bounds, are zero.
         """
@@ -108,7 +109,7 @@ class NlpSolution(SolverResult):
         """The residual of the first-order conditions, scaled, at an equilibrium.
 
         The largest of: a component of the Lagrangian's gradient; a violation of a row or a bound;
-        the product of a multiplier and the distance to its bound. NaN counts as infinite.
+        the product of a multiplier and the distance to the bound. NaN counts as infinite.
         """
         program = self.problem.program
         n, m = program.n_decision, program.n_design_rows

@@ -19,7 +19,8 @@ from octoplan.model.support.errors import OctoplanError, UncertifiedError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.text import TextRepr, plotted
-from octoplan.planner.certificate import Certificate, certify
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.certification import certify
 from octoplan.planner.entry_points import MIRROR_IMAGES, PLAN, SAVE_PLAN, load
 from octoplan.planner.measure import strokes
 from octoplan.planner.nlp_options import Mode, effort
@@ -34,7 +35,7 @@ from octoplan.planner.targets.base import Target
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(TextRepr):
-    """Tensions for a target, with the shape, the certificate and the outcome of these tensions.
+    """Tensions for a target, with shape, certificate and outcome.
 
     `plan` computes shape, certificate and outcome before it returns. Other plans, such as copies
     with another problem or solution (dataclasses.replace), compute each at its first reading.
@@ -125,7 +126,7 @@ class Plan(TextRepr):
 
     @property
     def strokes(self) -> Array:
-        """The length of each tendon that its winch has taken in [m], in the form of `tensions`.
+        """The length of each tendon that the winch has taken in [m], in the form of `tensions`.
 
         Strokes count from `stroke_zero`, see `plan`. The stroke of a slack tendon is its maximum
         without tension.
@@ -134,7 +135,7 @@ class Plan(TextRepr):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """The check of the tensions by another integrator; see octoplan.planner.certificate."""
+        """The check of the tensions by another integrator; see octoplan.planner.certification."""
         T = np.ravel(self.tensions)
         return certify(self.problem, T, lambda: self.shape, self._kkt)
 
@@ -201,7 +202,7 @@ class Plan(TextRepr):
 
     @cached_property
     def optimum(self) -> NlpSolution | None:
-        """The solution as a point of its program, with the defect of its mesh.
+        """The solution as a point of the program, with the defect of the mesh.
 
         The search's own point if there is one; otherwise the equilibrium under the tensions. None
         if the tensions do not settle, or if the multipliers belong to another program.

@@ -88,12 +88,12 @@ class PlanningProblem:
 
     @property
     def allowed(self) -> Limits:
-        """The limits, with excluded tendons fixed at their minimum."""
+        """The limits, with excluded tendons fixed at the minimum tension."""
         return self.limits.of_tendons(self.target_set.tendons)
 
     @property
     def reference_accuracy(self) -> float:
-        """The accuracy of shapes that verify the problem's accuracy: a hundredth of it."""
+        """The accuracy of verifying shapes: a hundredth of the problem's accuracy."""
         return max(self.accuracy / 100, FINEST_ACCURACY)
 
     def settled(self, tensions: Array) -> Shape:

@@ -1,4 +1,9 @@
-"""A program with numbers: the arm, scene, targets, limits and blocks of a planning problem."""
+"""Problems: a program with the numbers of a planning problem.
+
+A PlanningProblem is the question; a Program has symbols; a Problem joins both: the program of the
+question's structure with numbers for all parameters, bounds and scales. Variables of type
+PlanningProblem are named `task` in the search, and Problem is `problem`.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +50,8 @@ Bounds = tuple[Array, Array, Array, Array]
 # Weight of the effort in least squares, during a search [-].
 SEARCH_WEIGHT = 1e-7
 # Weight of the effort in least squares, in the end [-]. The weight keeps shapes away from points
-# within reach by RESOLVED at most. It is smaller for a finer accuracy, but the tolerance of the
-# solver then leaves less and less of the effort.
+# within reach by RESOLVED at most. The weight is smaller for a finer accuracy, but the tolerance of
+# the solver then leaves less and less of the effort.
 FINAL_WEIGHT = 3e-11
 # Distance over L below which a nearest shape is not distinguished from a shape at the target.
 RESOLVED = ACCURACY / 2
@@ -61,7 +66,7 @@ NO_EFFECT = 5e-7
 
 
 class Problem:
-    """A planning problem in scaled unknowns: the program of its structure, with its numbers.
+    """A planning problem in scaled unknowns: a program with numbers.
 
     Attributes
     ----------
@@ -69,7 +74,7 @@ class Problem:
         Arm, scene, targets, limits and accuracy.
     options : NlpOptions
     limits : Limits
-        Limits of the tendons; those that targets do not allow to pull keep their minimum.
+        Limits of the tendons. Tendons that targets exclude are fixed at the minimum.
     target_set : TargetSet
     blocks : tuple of Block
         Blocks of the program, with their numbers; `extensions` are the given ones among these.
@@ -140,7 +145,7 @@ class Problem:
         )
 
     def _limited_blocks(self, rod: DiscreteRod) -> list[Block]:
-        """Return the blocks of limits, responses and stability, as far as there are any."""
+        """Return the blocks of limits, responses and stability that the problem has."""
         limits, layout, arm = self.limits, rod.layout, self.arm
         blocks: list[Block] = []
         if limits.total is not None:
@@ -215,7 +220,7 @@ class Problem:
         return p
 
     def parameters_at(self, x: Array, p: Array) -> Array:
-        """Return parameters p with those that follow the unknowns x at which a solve starts."""
+        """Return parameters p with updates from the unknowns x at which a solve starts."""
         program, result, values = self.program, p, x * self.scale
         for block, place in zip(self.blocks, program.dependents, strict=True):
             updates = block.kernel_updates(self.forward.system, values[place])
@@ -254,10 +259,10 @@ class Problem:
     def guess(self, tensions: Array, settled: bool = False) -> Array:
         """Return the unknowns for tensions (n_tendons,) [N].
 
-        The states are those of the arm without loads, which are no equilibrium under loads. If the
-        states are to be `settled`, or the loads are strong, the states are the equilibrium from
-        rest that comes nearest to the tensions: strong loads move the arm too far for Newton's
-        method. The guess is the straight arm if the tensions collapse a cross-section.
+        The states are the equilibrium without loads, which is no equilibrium under loads. With
+        `settled`, or under strong loads, the states are the equilibrium on the path from rest that
+        comes nearest to the tensions: strong loads move the arm too far for Newton's method. The
+        guess is the straight arm if the tensions collapse a cross-section.
         """
         strong = is_loaded(self.scene) and not has_unique_equilibrium(self.arm, self.scene)
         with suppress(OctoplanError, np.linalg.LinAlgError):
@@ -274,7 +279,7 @@ class Problem:
     ) -> Array:
         """Return all unknowns, given tensions (n_tendons,) [N] and states of the arm (n_states,).
 
-        The dependents of blocks solve their equations, slacks are the violations of their rows.
+        Dependents solve the equations of the blocks; slacks are the violations of the rows.
         Pass `kernel_parameters=` to replace the parameters of all kernels.
         """
         program, p = self.program, self._p.copy()
@@ -322,7 +327,7 @@ class Problem:
 
 
 def _not_empty(blocks: Sequence[Block], places: Sequence[slice]) -> list[tuple[Block, slice]]:
-    """Return the blocks with unknowns at their places, and these places."""
+    """Return the blocks that have unknowns, with the places of the unknowns."""
     pairs = zip(blocks, places, strict=True)
     return [(block, place) for block, place in pairs if place.stop > place.start]
 
@@ -357,7 +362,7 @@ def _least_stretch(rod: DiscreteRod) -> LeastStretch:
 
 @lru_cache(maxsize=24)
 def _scales(program: Program, rod: DiscreteRod) -> tuple[Array, Array]:
-    """Return the scales of states and dependents, and of their equations (n_equations,)."""
+    """Return the scales of states and dependents, and of the equations (n_equations,)."""
     each = [equilibrium_scales(rod), *(b.scales(rod) for b in program.structure.blocks)]
     unknowns, rows = zip(*each, strict=True)
     return np.concatenate(unknowns), np.concatenate(rows)

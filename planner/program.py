@@ -20,8 +20,8 @@ scenes with extension. No unknown is eliminated.
 
 The rod (octoplan.model.rod) places kernels whose residuals are added: a row may be the sum of
 several kernels. `dynamics` adds the rows of F, the balance of an element, and in the stage rows
-minus the local wrench; `stage_equations` adds body and tendons to these stage rows; `jumps` adds
-the loads at a node to its balance.
+minus the local wrench; `stage_equations` adds body and tendons to the stage rows; `jumps` adds the
+loads at a node to the balance of the node.
 
 Blocks (octoplan.planner.block) add unknowns and rows: decisions a, such as slacks, and dependents d
 with as many equations, such as tendon lengths or the least stable mode. The objective f depends on
@@ -42,14 +42,14 @@ r of equilibrium and blocks; and
     d2/dw2 (sigma f + lambda_c . c) + D (sum_i lambda_i / row_scale_i d2r_i/dx2) D,
 
 with x = D w in SI units, D = diag(scale) and D_row = diag(row_scale). The design rows are not
-divided by scales. Of the Hessian the upper triangle is passed. octoplan.model.rod.equations sums
-dr/dx and d2r/dx2 from derivatives of small kernels. Target equalities c(w) = 0 are relaxed to
+divided by scales. ipopt receives the upper triangle of the Hessian. octoplan.model.rod.equations
+sums dr/dx and d2r/dx2 from derivatives of small kernels. Target equalities c(w) = 0 are relaxed to
 
     min  f(w) + 1/2 |e|^2    subject to  c(w) = epsilon (e - e_0),
 
 so that multipliers e / epsilon are bounded if equalities depend on each other. c is epsilon^2 times
-the difference of the multipliers from those in e_0. Source: Rockafellar, "Augmented Lagrangians and
-applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
+the difference of the multipliers from the multipliers in e_0. Source: Rockafellar, "Augmented
+Lagrangians and applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ class Program:
         kernels = p[self.parts["kernels"]]
         residual = self.equations.value.function(w * scale, kernels)
         g = ca.vertcat(design_rows, residual / row_scale)
-        # The derivatives of the kernels come with their residuals, as a last column.
+        # The residual is the last column of the assembled Jacobian.
         places = self.equations.jacobian.places
         row, column = places.row(), places.get_col()
         nonzeros = self.equations.jacobian.function(w * scale, kernels)
@@ -293,7 +293,7 @@ class Program:
         self._sparsity = np.array(J.row(), np.int32), np.array(J.sparsity().colind(), np.int32)
 
     def evaluate(self, w: Array, p: Array) -> tuple[Array, Array, Array, csc_array]:
-        """Return objective (1,), gradient, rows and their Jacobian."""
+        """Return objective (1,), gradient, rows and Jacobian."""
         f, gradient, g, nonzeros = (value.ravel() for value in self._evaluated(w, p))
         return f, gradient, g, csc_array((nonzeros, *self._sparsity), shape=(g.size, w.size))
 

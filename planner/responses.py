@@ -150,7 +150,7 @@ def _locked_tendon(law: CrossSection) -> Kernel:
     """Return the kernel of a locked tendon: change of its path minus change of its own length.
 
     Unknowns: strains, their changes, change of the tension, tension. Parameters: path and weight,
-    1 / EA of the tendon, which is as long as its path under its tension.
+    1 / EA of the tendon. Under the tension, the tendon is as long as the path.
     """
     kernel = cached(tendon_length, law)
     change = ca.SX.sym("change", size(law))

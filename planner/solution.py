@@ -50,7 +50,7 @@ class Solution:
     stopped : bool
         Whether the time limit ended the search. The tensions are the best that were found.
     jump : float
-        Change of the tensions from those of the plan `near`, over their norm, if the search left
+        Relative change of the tensions from the tensions of the plan `near`, if the search left
         the branch of that plan; otherwise 0.
     lost : float
         Fraction of the effort that a cheaper optimum of the coarse mesh saved, if finer meshes do
@@ -61,9 +61,9 @@ class Solution:
     unstable : bool
         Whether all shapes that meet the targets are below the stability margin.
     load_path : tuple of (n_tendons,)
-        Tensions [N] that lead an arm in contact to its shape. From rest, tensions and loads grow in
-        proportion to the first; then tensions change in straight lines to the next, and to those of
-        the solution. Empty if the arm comes to its shape from rest.
+        Tensions [N] that lead an arm in contact to the shape. From rest, tensions and loads grow in
+        proportion to the first; then tensions change in straight lines to the next, and to the
+        tensions of the solution. Empty if the load path from rest is straight.
     avoidance : Constraints or None
         Inequalities of the last program that keep the arm clear of obstacles.
     sampled : int

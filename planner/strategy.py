@@ -40,7 +40,7 @@ class Strategy:
     def prepared(
         self, problem: PlanningProblem, obstacles: Any, clearance: Any, self_clearance: Any
     ) -> PlanningProblem:
-        """Return the problem with its environment; raises InputError if it is not supported."""
+        """Return the problem with the environment; raise InputError for unsupported arguments."""
         return problem
 
     def is_continuable(self, near: Scene, scene: Scene) -> bool:
@@ -52,7 +52,7 @@ class Strategy:
         return problem
 
     def plan(self, problem: PlanningProblem, near: Plan | None) -> Plan:
-        """Return the plan of a problem whose targets hold between their stations, too.
+        """Return the plan of a problem whose targets also hold between stations.
 
         `Target.refined_along` adds stations if the settled arm violates the target there. The
         problem is then solved again from the tensions of the plan.
@@ -60,7 +60,7 @@ class Strategy:
         return self.between_stations(problem, self.solved(problem, near))
 
     def between_stations(self, problem: PlanningProblem, plan: Plan) -> Plan:
-        """Return a plan whose targets hold between their stations, from a plan for the stations."""
+        """Return a plan whose targets also hold between stations, from a plan for the stations."""
         for _ in range(CORRECTIONS):
             if plan.solution.stopped or plan.mode != "exact":
                 return plan

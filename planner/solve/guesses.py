@@ -1,12 +1,12 @@
-"""Initial guesses: tensions fitted to the targets, the straight arm, drawn arms that are near.
+"""Initial guesses: tensions fitted to the targets, the straight arm, and random arms nearby.
 
-Arms are drawn by the bends of their sections and looked at all together, on the coarsest mesh, in a
-scene without loads whose strains are closed forms. Where a target prescribes turns, directions or
-several points, each section's bend is as good as given, but not in closed form: tendons of the
-sections beyond bend a section too, and an arm may wind up in many ways. So those that are nearest
-to what is wanted are driven to it by least squares, with as little effort as it takes nearby. What
-is met in several ways is met by several of them. For a point, which arms meet in many ways that go
-over into each other, the straight arm and drawn ones do.
+Random arms are drawn by the bends of their sections. All draws are evaluated together, on the
+coarsest mesh, in a scene without loads, whose strains are closed forms. For a point, which arms
+meet in many connected ways, the straight arm and the nearest draws are the guesses. Targets that
+prescribe turns, directions or several points almost determine the bend of each section, but not in
+closed form: tendons of the sections beyond also bend a section, and an arm may wind up in many
+ways. For such targets the nearest draws are fitted by least squares, with a small weight on effort,
+and the distinct fits are the guesses.
 """
 
 from __future__ import annotations
@@ -30,51 +30,61 @@ from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import factorised, tension_scales
 from octoplan.planner.targets.target_set import TargetTerms
 
-# How many conditions a point is, which arms meet in many ways.
+# Number of conditions of a point, which arms meet in many ways.
 POINT = 3
-# Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps, the
-# best third in as many more.
-_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 80, 6
-# Roots of how hard sections are squeezed at first: more is found from a little than from none.
+# Number of draws for guesses that are not fitted.
+_DRAWN = 200
+# Number of draws for fits.
+_TO_FIT = 4000
+# Number of draws that are fitted: the nearest ones.
+_FITTED = 80
+# Number of steps of a fit. The best third of the fits takes as many steps again.
+_STEPS = 6
+# Initial roots of the squeezes of sections [-]. The derivative with respect to a zero root is zero.
 _SQUEEZED = 0.1
-# What the largest unit of tension counts beside residuals in a fit, for all tendons alike as in the
-# objective: so much that fits come to shapes of little effort that all but meet the targets. A fit
-# that does not fall by more than such a part in a step has come to its end.
-_EFFORT, _END = 0.2, 3e-2
-# Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
-# the root of the sum of squares.
-_APART, FAR_APART = 0.3, 0.5
-# Drawn arms before the straight one, and before those with so many times the pull: what an arm may
-# take with its loads of what bends it without.
-_FIRST, _STRONGER = 3, 3.0
-# How many sections bend in a draw: where many do, each its own way, the arm pulls against itself.
+# Weight of the largest unit of tension beside residuals in a fit, the same for all tendons as in
+# the objective. With this weight fits have little effort and nearly meet the targets [-].
+_EFFORT = 0.2
+# Relative decrease per step below which a fit ends [-].
+_END = 3e-2
+# Smallest difference between fitted guesses, over the largest tension [-].
+_APART = 0.3
+# Smallest difference between drawn guesses, over the norm of the tensions [-].
+FAR_APART = 0.5
+# Index of the draw after which the straight arm follows, and from which stronger draws follow.
+_FIRST = 3
+# Factor of the tensions of a draw without loads for the guess of an arm under loads [-].
+_STRONGER = 3.0
+# Number of bent sections in a draw. If many sections bend in random directions, the tendons
+# oppose each other.
 _TOGETHER = 3
-# Bends at the base and at the tip, in units of what bends the arm by about 1 rad. A slender tip
-# takes many: it saturates. The best plans for poses and fetches of a slender arm are between these.
-_LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
-
-# Steps from an optimum of least squares to guesses for another one beside it, over the range of
-# tensions; smaller ones lead back to it. Relative singular value below which the shape does not
-# change at all.
-_ASIDE, _UNSEEN = 0.3, 1e-6
+# Smallest bends of a draw at base and tip, over the bend of about 1 rad [-].
+_LEAST = (0.5, 0.2)
+# Largest bends at base and tip, over the bend of about 1 rad [-]. A slender tip saturates, so that
+# large bends are drawn. The best plans for poses and fetches of a slender arm are within the
+# bounds.
+_MOST = (60.0, 4.0)
+# Steps from an optimum of least squares to the guesses beside it, over the range of tensions.
+# Smaller steps lead back to the optimum [-].
+_ASIDE = 0.3
+# Relative singular value below which the shape does not change [-].
+_UNSEEN = 1e-6
 
 
 def initial_guesses(
     task: PlanningProblem, loaded: bool = False, missed: bool = False
 ) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
+    """Yield tensions (n_tendons,) [N] within limits: fitted, drawn, and of the straight arm.
 
-    Fitted ones come by effort and nearness, by nearness alone where targets are `missed`. Drawn
-    ones come by how near they are to what the targets want. Of an arm that is `loaded` some come
-    again with more pull.
+    Fits are sorted by effort and distance, or by distance alone if targets are `missed`. Draws are
+    sorted as in `drawn_arms`. For an arm that is `loaded`, some draws are repeated with more pull.
     """
     limits, count = task.allowed, task.target_set.conditions
-    # All tendons pull a little, inside of the limits.
+    # Small tensions in all tendons, inside of the limits.
     straight = np.clip(5e-3 * tension_scales(task.arm, limits), limits.lower, limits.upper)
     if count > POINT:
         yield from fitted(task, 0.0 if missed else _EFFORT)
-    # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
-    # next to the straight one.
+    # A bend in a plane has solutions with further turns. The straight arm leads to the cheapest.
     if count < POINT:
         yield straight
     for k, T in enumerate(drawn_arms(task)):
@@ -86,9 +96,10 @@ def initial_guesses(
 
 
 def beside(near: NlpSolution) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) [N] beside an optimum, along what its targets see least first.
+    """Yield tensions (n_tendons,) [N] beside an optimum of a program with equalities.
 
-    Its program has equalities. Changes of the tensions that they do not see at all are left out.
+    The steps are right singular vectors of the derivative of the equalities by the tensions, sorted
+    by increasing singular value. Directions that do not change the equalities are omitted.
     """
     problem = near.problem
     arm, limits, n = problem.arm, problem.limits, problem.arm.n_tendons
@@ -108,15 +119,15 @@ def beside(near: NlpSolution) -> Iterator[Array]:
 
 
 def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
-    """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn.
+    """Yield distinct draws, sorted by distance plus effort and by distance alone, in turn.
 
-    Without a look at the time, of which they take little.
+    Draws take little time, so that the time limit is not checked.
     """
     unit = tension_scales(task.arm, task.allowed)
     bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
     drawn = bends.tensions(bends.draw(_DRAWN))
     distance = np.linalg.norm(residuals_of(task)(drawn), axis=1)
-    # What a unit of tension counts beside how near an arm is.
+    # 0.2 is the weight of a unit of tension beside the distance.
     cheap = distance + 0.2 * np.linalg.norm(drawn / unit, axis=1)
     orders = np.argsort([cheap, distance], axis=1, kind="stable")
     yield from distinct(drawn[np.ravel(orders, "F")], unit, FAR_APART)
@@ -125,12 +136,12 @@ def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
 def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
     """Yield tensions (n_tendons,) fitted to targets and to little effort, the best fits first.
 
-    `effort` is its weight beside residuals. Where sections shorten, how hard all tendons of a
-    section pull is fitted beside its bends.
+    `effort` is the weight of the effort beside residuals. With extension, the squeeze of each
+    section (the common tension of its tendons) is fitted as well as the bends.
     """
     bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
     unit, residuals = tension_scales(task.arm, task.allowed).max(), residuals_of(task)
-    # Of least squares a near miss with less effort is no better guess.
+    # For soft residuals, a near miss with less effort is no better guess.
     weight = 0.0 if task.target_set.terms.names[1] else effort
 
     def gaps(points: Array) -> Array:
@@ -152,7 +163,7 @@ def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
 def distinct(
     tensions: Iterable[Array], unit: Array, part: float, norm: float = 2
 ) -> Iterator[Array]:
-    """Yield the tensions that differ from all previous ones by more than a part of their norm."""
+    """Yield the tensions that differ from all previous ones by more than a part of the norm."""
     taken = np.zeros((0, unit.size))
     for T in tensions:
         apart = np.linalg.norm((taken - T) / unit, norm, axis=1)
@@ -162,20 +173,21 @@ def distinct(
 
 
 def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
-    """Return points (m, n) of least squares of gaps near U, and the gaps there (m, k).
+    """Return points (m, n) of least squares of gaps near U, and the gaps (m, k).
 
-    Gaps are a function of points (m, n) -> (m, k). All that still come nearer take the steps of
-    Levenberg and Marquardt's method side by side; derivatives at a point come in one call with its
-    gaps.
+    `gaps` is a function of points (m, n) -> (m, k). All points that still improve take the steps of
+    the Levenberg-Marquardt method together. One call evaluates gaps and derivatives of a point.
     """
-    U, damping, left = U.copy(), np.full(len(U), 1e-2), np.arange(len(U))
+    U = U.copy()
+    damping = np.full(len(U), 1e-2)
+    left = np.arange(len(U))
     r, J = _linearised(gaps, U)
     for _ in range(_STEPS):
         check_time()
         if not left.size:
             break
         normal = J[left] @ J[left].transpose(0, 2, 1)
-        # Less than rounding does not keep a system from being singular.
+        # Damping below the rounding error would not make the system regular.
         least = damping[left] + 1e-12 * np.trace(normal, axis1=1, axis2=2)
         normal += least[:, None, None] * np.eye(U.shape[1])
         step = -np.linalg.solve(normal, J[left] @ r[left, :, None])[:, :, 0]
@@ -191,7 +203,7 @@ def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Arra
 
 
 def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
-    """Return gaps (m, k) and their derivatives (m, n, k) by U (m, n), by scaled differences."""
+    """Return gaps (m, k) and derivatives (m, n, k) by U (m, n), as scaled differences."""
     (m, n), difference = U.shape, 1e-4
     shifts = np.vstack([np.zeros(n), difference * np.eye(n)])
     shifted = U[:, None, :] + shifts * (1 + np.abs(U))[:, None, :]
@@ -200,10 +212,10 @@ def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]
 
 
 def residuals_of(task: PlanningProblem) -> Callable[[Array], Array]:
-    """Return tensions (m, n_tendons) [N] -> their residuals (m, k), in the scene without its loads.
+    """Return the function of tensions (m, n_tendons) [N] -> residuals (m, k), without loads.
 
-    Those of the targets, violations of inequalities, and last by how much the arm is crushed.
-    Stiffness is left out: compliances are taken to be those that are wanted.
+    The residuals of the targets, the violations of inequalities, and last the collapse of the body.
+    Compliances have the wanted values, so that targets of stiffness have no residual.
     """
     targets, at = task.target_set, task.target_set.stations
     forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 1, at, task.machine_code)
@@ -221,7 +233,7 @@ def residuals_of(task: PlanningProblem) -> Callable[[Array], Array]:
 
 @lru_cache(maxsize=16)
 def _residuals_of(terms: TargetTerms) -> BatchFunction:
-    """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
+    """Return the function (poses (7 K,), target parameters) -> residuals (k,), without calls."""
     poses, numbers = (ca.MX.sym("given", *terms.function.size_in(i)) for i in range(2))
     wanted = ca.vertcat(ca.DM(0, 1), *(ca.vec(ca.DM.eye(each.width)) for each in terms.requests))
     equality, soft_residual, inequality, _ = terms.function(poses, numbers, wanted)
@@ -232,9 +244,9 @@ def _residuals_of(terms: TargetTerms) -> BatchFunction:
 
 
 def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
-    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and their arc lengths (K,).
+    """Return positions (m, K, 3) under tensions (m, n_tendons) without loads, and arc lengths (K,).
 
-    Without its loads.
+    The positions are those of the nodes beyond the base.
     """
     forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 4, (), task.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
@@ -244,7 +256,7 @@ def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
 def within_total(tensions: Array, limits: Limits) -> Array:
     """Return tensions (m, n_tendons), scaled down to the limit of the total pull if there is one.
 
-    Tensions above their lower limits are scaled alike.
+    All distances to the lower limits have the same factor.
     """
     if limits.total is None:
         return tensions
@@ -256,10 +268,12 @@ def within_total(tensions: Array, limits: Limits) -> Array:
 
 
 class BendCoordinates:
-    """The pulls of the sections as a function of their bends, and of how hard they are squeezed.
+    """The tensions of the sections as a function of bends and squeezes.
 
-    Sections are those with tendons that may pull, tip first; `width` is how many bends there are,
-    two of each.
+    Attributes
+    ----------
+    width : int
+        Number of bends: two of each section with tendons that may pull.
     """
 
     def __init__(self, arm: Arm, tendons: frozenset[int], limits: Limits) -> None:
@@ -269,21 +283,20 @@ class BendCoordinates:
         sections = np.unique(section[pulls])
         self.width = 2 * sections.size
         of_section = np.isin(np.arange(arm.n_tendons), pulls) & (section == sections[:, None])
-        # Tensions (2 n, 2, n_tendons) that bend each section by about 1 rad along an axis, there
-        # and back: the tendons on that side share the pull as the law of section 6.1 has it for
-        # four of them.
+        # Tensions (2 n, 2, n_tendons) that bend each section by about 1 rad along an axis, in both
+        # directions. The tendons on the side of the bend share the load by the law of section 6.1.
         axes = np.array([[0.0, np.pi], [np.pi / 2, -np.pi / 2]])
         sides = np.exp(1j * (phi - axes[:, :, None]))
         shares = of_section[:, None, None] * np.maximum(sides.real, 0.0)
         reach = np.abs((shares * sides).sum(axis=-1, keepdims=True))
         self._sides = (shares * unit / np.where(reach > 0, reach, 1.0)).reshape(-1, 2, phi.size)
-        # Tensions (n, n_tendons) by which all tendons of a section pull.
+        # Tensions (n, n_tendons) of all tendons of a section.
         self._squeezes = of_section * unit
 
     def tensions(self, bends: Array) -> Array:
-        """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits.
+        """Return tensions (m, n_tendons) within the limits.
 
-        Of bends and roots of squeezes if they are (m, 3 n).
+        `bends` are the bends (m, 2 n), or bends and roots of squeezes (m, 3 n).
         """
         bends, squeezes = bends[:, : self.width], bends[:, self.width :]
         T = np.maximum(bends, 0) @ self._sides[:, 0] + np.maximum(-bends, 0) @ self._sides[:, 1]
@@ -293,9 +306,9 @@ class BendCoordinates:
         return within_total(T, self._limits)
 
     def draw(self, count: int) -> Array:
-        """Return bends (count, 2 n) in all directions, as many small as large; always the same.
+        """Return bends (count, 2 n) in all directions, with logarithmic sizes and a fixed seed.
 
-        In each draw a few sections bend, the others are straight.
+        In each draw a few sections bend; the other sections are straight.
         """
         rng, n = np.random.default_rng(0), self.width // 2
         low, high = np.geomspace(*_LEAST, n), np.geomspace(*_MOST, n)

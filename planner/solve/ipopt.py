@@ -91,7 +91,7 @@ _OUTPUT_LOCK = threading.RLock()
 # objective weighs as much as the barrier.
 OBJECTIVE_SCALE = 1e3
 # epsilon of relaxed target equalities, see octoplan.planner.program: the residual of a row is
-# epsilon^2 times the change of its multiplier during the solve. In a search the change is the
+# epsilon^2 times the change of the multiplier during the solve. In a search the change is the
 # multiplier itself, and the residual is small; in a warm start the residual is a rounding error.
 RELAXATION = 3e-5
 # epsilon for optima that are polished, and for targets that have to be met exactly although there
@@ -101,7 +101,7 @@ POLISH_RELAXATION = 1e-6
 # Largest residual of a target equality at which a relaxed program counts as converged [-].
 EQUALITY_TOL = 1e-6
 Options = dict[str, Any]
-# Options of all solves. Programs are scaled already, and their matrices are banded.
+# Options of all solves. Programs are scaled already, and the matrices are banded.
 _COMMON: Options = {
     "sb": "yes",
     "tol": 1e-8,
@@ -116,7 +116,7 @@ _COMMON: Options = {
 # solve.
 COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
 # Options of solves whose results are polished later. A barrier parameter that follows the iterates
-# saves a quarter of them.
+# saves a quarter of the iterations.
 _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
 # Options of several programs side by side, for which no other guess is cheaper.
 SIDE_BY_SIDE: Options = COLD | _ROUGH | {"tol": 1e-7, "max_iter": 300}
@@ -151,7 +151,7 @@ _EXACT: dict[Purpose, Options] = {
     # Active bounds are fixed, others are far: no barrier is left.
     "polish": WARM | {"mu_init": 1e-12},
 }
-# Least squares need more iterations and more digits. Their minimum may be nearly zero, so that only
+# Least squares need more iterations and more digits. The minimum may be nearly zero, so that only
 # the weighted effort remains, which has to outweigh the barrier.
 _SMALL: Options = {"obj_scaling_factor": 100 * OBJECTIVE_SCALE, "max_iter": 200}
 _RELAXED: dict[Purpose, Options] = {
@@ -159,8 +159,8 @@ _RELAXED: dict[Purpose, Options] = {
     "near": WARM | _SMALL,
     "polish": _EXACT["polish"] | _SMALL,
 }
-# Targets out of reach have large misses: with the factor above, they would outweigh equilibrium,
-# and searches under loads would seldom converge. Some backbones need 100 iterations.
+# Targets out of reach have large misses: with the factor above, the misses would outweigh
+# equilibrium, and searches under loads would seldom converge. Some backbones need 100 iterations.
 _FAR: Options = {"obj_scaling_factor": 100.0, "mu_init": 0.1, "max_iter": 100}
 _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
     "exact": _EXACT,
@@ -180,7 +180,7 @@ def nlp_solver(nlp: Nlp, options: Options, is_logged: bool = False) -> BufferedF
     """Return ipopt for a nonlinear program.
 
     The solver takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g,
-    lam_p. Each thread solves in its own memory; a plain call of a CasADi solver shares one.
+    lam_p. Each thread has a memory; plain calls of a CasADi solver would share one memory.
     """
     functions = {"x": nlp.w, "p": nlp.p, "f": nlp.f, "g": nlp.g}
     common: Options = {
@@ -294,7 +294,7 @@ def run_solver(
     multipliers: tuple[Array, Array] | None = None,
     statuses: Set[str] = _CONVERGED,
 ) -> SolverResult:
-    """Run a solver from unknowns x, and log its output.
+    """Run a solver from unknowns x, and log the output.
 
     The result counts as converged if the return status is among `statuses` and all numbers are
     finite.

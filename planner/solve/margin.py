@@ -1,4 +1,4 @@
-"""Enforce a stability margin: solve an optimum again with its least stable mode as unknowns."""
+"""Enforce a stability margin: solve an optimum again with the least stable mode as unknowns."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS
 
 
 def enforce_margin(optimum: NlpSolution, bound: float) -> NlpSolution | None:
-    """Return an optimum near an unstable one whose stability is at least `bound`; None if none.
+    """Return an optimum near an unstable optimum with at least the stability `bound`, or None.
 
     One mode is constrained. If another mode is then below the bound, that mode is constrained next.
     """

@@ -1,12 +1,12 @@
-"""Refine an optimum of a coarse mesh until its settled shape meets the accuracy.
+"""Refine an optimum of a coarse mesh until the settled shape meets the accuracy.
 
 The measurements of a program (poses at the stations, least stretches, compliances, eigenvalues,
 tendon lengths) differ from those of the settled shape by the defect d of the mesh. The arm is
 settled to a hundredth of the accuracy, d is added to the measurements, and the program is solved
 again, warm, on the same coarse mesh; the settled shape then meets the targets. d changes little
 from one solution to the next, so that one or two corrections suffice. The remaining error of the
-mesh is in the derivatives, and changes the effort by its square. The mesh is refined if d exceeds
-1e-4, unless d is constant.
+mesh is in the derivatives, and changes the effort by the square of this error. The mesh is refined
+if d exceeds 1e-4, unless d is constant.
 
 Source: Stetter, "The defect correction principle and discretization methods", Numer. Math. 29
 (1978).
@@ -35,8 +35,8 @@ from octoplan.planner.solve.ipopt import OBJECTIVE_SCALE, solve
 CORRECTIONS = 16
 # The accuracy, and the tolerance of optimality, over the largest error of a defect.
 PART = 3
-# Largest accuracy of defects; problems of a coarser accuracy have it too, because their residual of
-# optimality is held to KKT_TOLERANCE [-].
+# Largest accuracy of defects; used for coarser accuracies, too, because the residual of optimality
+# has the tolerance KKT_TOLERANCE [-].
 LARGEST_ACCURACY = 1e-6
 # Relative error of margins and efforts on a coarse mesh.
 COARSE_RTOL = 1e-3
@@ -48,12 +48,12 @@ _OTHER_SHAPE = 0.1
 # Largest relative change of the effort by the remaining defect [-]. Tensions that hardly change the
 # shape change by far more than the shape.
 EFFORT_TOL = 1e-5
-# Largest number of solves in which tensions at their bounds are fixed.
+# Largest number of solves in which tensions at a bound are fixed.
 _POLISH_SOLVES = 4
 
 
 def refine(optimum: NlpSolution) -> NlpSolution | None:
-    """Return the optimum whose settled shape has the measurements of its program.
+    """Return the optimum whose settled shape has the measurements of the program.
 
     The measurements agree to a third of the accuracy. Return None if the program does not converge
     on the way, if the arm settles to another shape from rest, or if the arm buckles.
@@ -95,7 +95,7 @@ def _effort_change(optimum: NlpSolution) -> float:
 
 
 def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | None, float]:
-    """Return the optimum with the defect of its shape, and the change of the defect.
+    """Return the optimum with the defect of the settled shape, and the change of the defect.
 
     If the defect is large, and changes by more than the tolerance, return the optimum on a finer
     mesh, and an infinite change. Return None for the optimum if the arm has another shape, or if no
@@ -119,7 +119,7 @@ def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | No
 
 
 def on_mesh(optimum: NlpSolution, problem: Problem, shape: Shape) -> NlpSolution:
-    """Return an optimum at the equilibrium of its settled shape on the mesh of a problem.
+    """Return an optimum at the equilibrium of a settled shape on the mesh of a problem.
 
     The optimum has the defect of the shape. Raise the errors of `settle`.
     """
@@ -134,7 +134,7 @@ def polish(
     bounds: Bounds | None = None,
     warm: bool = False,
 ) -> NlpSolution:
-    """Return the optimum to the last digits, with tensions exactly at their active bounds.
+    """Return the optimum to the last digits, with tensions exactly at active bounds.
 
     An interior-point method stops a little inside of the bounds. Tensions whose multiplier exceeds
     the distance to the bound are fixed there, and the program is solved again, warm. Tensions whose
@@ -190,7 +190,7 @@ def polish(
 
 
 def defect(problem: Problem, x: Array, shape: Shape) -> Array:
-    """Return the measurements of a shape minus those at unknowns x, see Program.measure."""
+    """Return the measurements of a shape minus the measurements at x, see Program.measure."""
     program, on_mesh = problem.program, problem.measured(x)
     coarse = on_mesh[program.poses].reshape(-1, 7)
     poses = shape.poses(np.array([s for s, _ in program.structure.stations]))

@@ -34,7 +34,7 @@ from octoplan.planner.solve.stable_descent import descend
 
 # Number of equal optima after which a multistart ends. Relaxed targets need one more, and so do
 # exact targets of a point or more, which arms meet in several ways. If guesses come in the order of
-# their effort, the multistart also ends after this number of guesses without a better optimum.
+# effort, the multistart also ends after this number of guesses without a better optimum.
 N_EQUAL_OPTIMA = 2
 # Largest least-squares objective of targets that are nearly met: misses of about 1e-3 [-].
 NEARLY_MET = 1e-6
@@ -43,7 +43,7 @@ SAME_OPTIMUM = 1e-4
 # Lower bounds on the stability, tried in this order, if the arm takes another shape under the
 # tensions of all optima [-]; 1 is an arm at rest.
 STABILITY_FLOORS = (0.3, 0.5)
-# Largest number of optima that are solved again with a lower bound on their stability.
+# Largest number of optima that are solved again with a lower bound on the stability.
 MAX_ENFORCED = 4
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
@@ -53,8 +53,8 @@ _PHASES: dict[Mode, str] = {
 
 
 def solve_from_guess(problem: Problem, T: Array, defect: Array | None = None) -> NlpSolution:
-    """Solve a program from tensions (n_tendons,) [N], corrected by the defect of its mesh."""
-    # Least squares do not converge from an arm far from the equilibrium under its weight.
+    """Solve a program from tensions (n_tendons,) [N], corrected by the defect of the mesh."""
+    # Least squares do not converge from an arm far from the equilibrium under the weight.
     is_relaxed = problem.options.mode != "exact"
     x = problem.guess(T, settled=is_relaxed)
     purpose: Purpose = "search" if defect is None else "meet"
@@ -65,7 +65,7 @@ def solve_from_guess(problem: Problem, T: Array, defect: Array | None = None) ->
 
 @dataclass(eq=False)
 class RelaxationStage:
-    """The multistart in one mode of the targets, with its guesses and optima.
+    """The multistart in one mode of the targets, with guesses and optima.
 
     Attributes
     ----------
@@ -84,16 +84,16 @@ class RelaxationStage:
     rejected : list of NlpSolution
         Optima that finer meshes do not have.
     below_margin : list of NlpSolution
-        Unstable optima without an optimum near them that has the required stability.
+        Unstable optima without a nearby optimum of the required stability.
     starts : list of Equilibrium
         Stable shapes on the coarse mesh to descend from, in place of unstable optima.
     descended : list of NlpSolution
-        Stable optima from these shapes.
+        Stable optima from `starts`.
     last : NlpSolution or None
         Solution from the last guess.
     corrected : NlpSolution or None
-        An optimum with the defect of its mesh, which corrects the programs of all guesses. Without
-        it, programs are on the coarse mesh and not corrected.
+        An optimum with a defect, which corrects the programs of all guesses. With None, programs
+        are on the coarse mesh and not corrected.
     refined : NlpSolution or None
         The refined optimum of the result.
     """
@@ -115,7 +115,7 @@ class RelaxationStage:
 
     @property
     def optima(self) -> list[NlpSolution]:
-        """All optima of the coarse mesh, sorted by their objectives."""
+        """All optima of the coarse mesh, sorted by objective."""
         return sorted([*self.stable, *self.unstable], key=attrgetter("f"))
 
     @property
@@ -156,7 +156,7 @@ class RelaxationStage:
     def multistart_done(self) -> bool:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.
 
-        The latter counts if guesses come in the order of their effort and the targets are met: the
+        The latter counts if guesses come in the order of effort and the targets are met: the
         distance of a nearest shape does not depend on this order. One unstable optimum that nearly
         meets the targets is enough if there are stable shapes to descend from.
         """
@@ -213,13 +213,13 @@ class RelaxationStage:
         return Problem(self.task, self.task.coarse(self.mode), self.blocks)
 
     def _with_required_stability(self, solution: NlpSolution) -> NlpSolution | None:
-        """Return the solution if it is a stable optimum, or one near it that is; otherwise None."""
+        """Return the solution if stable, otherwise a stable optimum nearby, or None."""
         self._record(solution)
         near = (x for optimum in self.unstable for _, x in self._enforce_margin(optimum) if x)
         return next(chain(self.stable, near), None)
 
     def _record(self, solution: NlpSolution) -> None:
-        """Add a trial, and its solution to the optima if it converged."""
+        """Add a trial, and add the solution to the optima if converged."""
         is_rejected = any(_is_same(solution, each) for each in self.rejected)
         is_optimum = solution.converged and not is_rejected
         self.trials.append(Trial(solution.f, is_optimum, solution.iterations))
@@ -237,10 +237,10 @@ class RelaxationStage:
             (self.stable if is_stable else self.unstable).append(optimum)
 
     def reject(self) -> None:
-        """Reject all stable optima, because the settled arm does not have them.
+        """Reject all stable optima, because the settled arm has other shapes.
 
         Under strong loads the arm may take another shape under the tensions of an optimum. The
-        equilibria of these shapes are the next guesses.
+        tensions of the rejected optima are the next guesses.
         """
         if not has_unique_equilibrium(self.task.arm, self.task.scene):
             self.guesses = chain([optimum.tensions for optimum in self.stable], self.guesses)
@@ -249,9 +249,9 @@ class RelaxationStage:
         self.trials = [replace(trial, met=False) for trial in self.trials]
 
     def best(self, limit: float = np.inf) -> Solution | None:
-        """Return the best optimum that can be refined, if its objective is at most `limit`.
+        """Return the best optimum that can be refined, up to the objective `limit`.
 
-        Unstable optima are solved again with a bound on their stability, which increases their
+        Unstable optima are solved again with a bound on the stability, which increases the
         objective, unless a stable optimum is better.
         """
         lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
@@ -309,11 +309,11 @@ class RelaxationStage:
     def _enforce_margin(
         self, optimum: NlpSolution, floor: float = 0.0
     ) -> Iterator[tuple[float, NlpSolution | None]]:
-        """Yield the objective of an optimum with None, then that with an optimum near it, if any.
+        """Yield the objective of an optimum and None, then objective and optimum with the margin.
 
-        The optimum near it has the stability that the options require, and at least `floor`. Its
-        objective is at least that of the first. The caller therefore does not solve for the second
-        optimum if another optimum is better.
+        The second optimum has the stability that the options require, and at least `floor`. The
+        second objective is not smaller than the first. The caller therefore does not solve for the
+        second optimum if another optimum is better.
         """
         yield optimum.f, None
         bound = max(self.task.options.stability_bound, floor)
@@ -325,6 +325,6 @@ class RelaxationStage:
 
 
 def _is_same(one: NlpSolution, other: NlpSolution) -> bool:
-    """Return whether two optima have equal unknowns, apart from those of constrained modes."""
+    """Return whether two optima have equal unknowns; modes are not compared."""
     size = min(one.x.size, other.x.size)
     return bool(np.abs(one.x[:size] - other.x[:size]).max() <= SAME_OPTIMUM)

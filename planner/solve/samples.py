@@ -1,4 +1,4 @@
-"""Settled shapes under tensions sampled over the limits, ordered by their distance to the targets.
+"""Settled shapes under tensions sampled over the limits, ordered by the distance to the targets.
 
 A search that finds no shape for its targets continues from the nearest samples. All samples are
 settled in one batch, in the scene of the plan and on the mesh of the search, so that loads, shear
@@ -37,11 +37,12 @@ _LOADED = 192
 # Number of lines of tensions under strong loads. A line has about ten samples. The samples of 32
 # lines are nearer to four of five tips than the ends of 192 lines, in a fifth of the time.
 _LINES = 32
-# Shapes that are settled at a time: their equations stay in the processor's cache.
+# Shapes that are settled at a time: the equations of so many stay in the processor's cache.
 _AT_ONCE = 64
 # Smallest sampled tension, in tensions that bend the arm by 1 rad.
 _LEAST = 0.05
-# Largest sampled tension, likewise: it bends a slender tip and replaces a limit that is infinite.
+# Largest sampled tension, likewise. This tension bends a slender tip, and replaces an infinite
+# limit.
 _MOST = 60.0
 # Tip error over the arm's length above which the mesh of the search is refined.
 _TOLERANCE = 3e-3
@@ -73,7 +74,7 @@ class Samples:
     task : PlanningProblem
         The task, with the mesh on which the nearest samples are accurate.
     count : int
-        Number of sampled shapes, with those that do not settle.
+        Number of sampled shapes, including samples that do not settle.
     points : list of Equilibrium
         The nearest to the targets first, on the mesh of the task.
     objective : (m,)
@@ -112,7 +113,7 @@ class Samples:
 
 
 def sample(task: PlanningProblem, n_nearest: int) -> Samples:
-    """Return sampled shapes, on a mesh that is fine enough for the nearest `n_nearest` of them."""
+    """Return sampled shapes, on a mesh that is fine enough for the `n_nearest` nearest samples."""
     while True:
         samples = _settled(task)
         nearest = [*islice(samples.distinct(), n_nearest)]
@@ -128,7 +129,7 @@ def fine_enough(task: PlanningProblem, tensions: Array) -> PlanningProblem:
 
 
 def _finer(task: PlanningProblem, points: Sequence[object]) -> PlanningProblem:
-    """Return the task on a mesh that is accurate for most of its equilibria; skip errors."""
+    """Return the task on a mesh that is accurate for most of the equilibria; skip errors."""
     settled = [point for point in points if isinstance(point, Equilibrium)]
     while True:
         mesh = task.coarse("nearest").refinement
@@ -137,7 +138,7 @@ def _finer(task: PlanningProblem, points: Sequence[object]) -> PlanningProblem:
         on_finer = replace(task, mesh=REFINEMENTS[REFINEMENTS.index(mesh) + 1])
         problem = Problem(on_finer, on_finer.coarse("nearest"))
         tensions = np.array([point.tensions for point in settled])
-        # Loaded arms settle sooner from their shapes on the last mesh.
+        # Loaded arms settle sooner from the shapes on the last mesh.
         ends = [*_points(problem, tensions, settled if is_loaded(task.scene) else ())]
         pairs = [
             (point, end)
@@ -195,8 +196,8 @@ def _points(
 def fitted(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     """Return tensions (m, n_tendons) moved until the targets are met, and the misses left (m,).
 
-    Each step is the smallest change of the tensions, so that the shapes stay near those under the
-    given tensions: Levenberg and Marquardt's method within the limits of each tendon.
+    Each step is the smallest change of the tensions, so that the shapes stay near the shapes under
+    the given tensions: Levenberg and Marquardt's method within the limits of each tendon.
     """
     problem = Problem(task, task.coarse("exact"))
     limits, unit = task.allowed, problem.unit
@@ -221,7 +222,7 @@ class _Fit:
     Attributes
     ----------
     point : Equilibrium
-        Its equilibrium.
+        Equilibrium of the arm.
     miss : float
         Norm of the weighted residuals; infinite without an equilibrium.
     is_going : bool
@@ -269,7 +270,7 @@ class _Fit:
 
 
 def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
-    """Return what the targets miss (k,), and its derivatives (k, n) by the scaled tensions."""
+    """Return weighted residuals of the targets (k,), and derivatives (k, n) by scaled tensions."""
     program, x = problem.program, problem.complete(point.tensions, point.states)
     _, _, g, J = problem.program.evaluate(x, problem.parameters())
     at, n = program.states, point.tensions.size

@@ -5,20 +5,20 @@ the modes that a problem has. Each mode takes these steps, and the first refined
 search.
 
 1. Multistart: solve the program on a coarse mesh from one initial guess after another, until enough
-   optima are equal. The exact mode first has three guesses. If none of these has an optimum, the
+   optima are equal. The exact mode first has three guesses. If no guess has an optimum, the
    search goes on to the next mode.
 2. Samples, if a relaxed mode misses the targets: sample shapes over the limits, and solve from the
-   nearest of these.
+   nearest samples.
 3. Return to the exact mode, if a relaxed mode nearly meets the targets: the optimum is the first
    guess, and the guesses that are left come next.
-4. Refine the best optimum: correct the program by the defect of its mesh and solve it again, warm
+4. Refine the best optimum: correct the program by the defect of the mesh and solve again, warm
    (octoplan.planner.solve.refine). If the arm has none of the optima, first require more stability,
    then reject the optima and continue the multistart.
 5. If a refined relaxed optimum misses the targets by no more than the weight of the effort
-   explains, solve the exact program near it, corrected by the same defect.
+   explains, solve the exact program nearby, corrected by the same defect.
 
-Optima under loads may be unstable. These are solved again with a lower bound on the eigenvalue of
-the least stable mode (octoplan.planner.solve.relaxation_stage).
+Optima under loads may be unstable. Unstable optima are solved again with a lower bound on the
+eigenvalue of the least stable mode (octoplan.planner.solve.relaxation_stage).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from octoplan.planner.targets.target_set import LOW_PRIORITY
 N_FIRST_GUESSES = N_EQUAL_OPTIMA + 1
 # Largest objective of least squares for targets within reach [-]. Least squares miss such targets,
 # because the effort has a weight: the objective is at most FINAL_WEIGHT times the effort (half the
-# sum of squares in its unit) of the tensions that meet the targets. No plan has a larger effort.
+# sum of squares in units) of the tensions that meet the targets. No plan has a larger effort.
 ATTAINABLE = 1e3 * FINAL_WEIGHT
 # Number of sampled shapes that are solved from before targets count as missed. The distance has
 # many local minima at limits: for 22 of 25 tips of an arm with a helical tendon, four samples find
@@ -89,7 +89,7 @@ class Search:
     def _run(self) -> Solution:
         """Return the best optimum of the first mode of the targets that has one.
 
-        The exact mode first has `N_FIRST_GUESSES` guesses. If these have no optimum, or if no
+        The exact mode first has `N_FIRST_GUESSES` guesses. If no guess has an optimum, or if no
         optimum can be refined, the relaxed modes are solved. If a relaxed optimum then nearly meets
         the targets, the exact stage resumes from that optimum, and from the guesses that are left.
         """
@@ -174,7 +174,7 @@ class Search:
 
         If no stable optimum of the coarse mesh can be refined, the optima are rejected, and the
         multistart continues. A shape that meets the targets with less than the default margin of
-        stability is preferred to a shape that misses them.
+        stability is preferred to a shape that misses the targets.
         """
         stage = self.stage
         stage.task = self.task
@@ -212,8 +212,8 @@ class Search:
         """Return the best solution that meets all targets, or the given result if there is none.
 
         If the least squares of the result vanish but for the weight of the effort, exact programs
-        are solved, corrected by the defect of its mesh: from its tensions, from tensions beside
-        these, and from initial guesses.
+        are solved, corrected by the defect of the mesh: from the result's tensions, from tensions
+        beside the result, and from initial guesses.
         """
         stage, task = self.stage, self.stage.task
         refined = stage.refined
@@ -242,9 +242,9 @@ class Search:
 
         The number of guesses is at most that of the problem minus the `n_sampled` sampled shapes.
         The first guess comes first, and the other `n_tried` guesses of an earlier mode last,
-        because another mode seldom succeeds from these. If the earlier mode failed with equalities
-        alone, guesses are fitted again without regard to effort; with inequalities, fits end at the
-        same violations.
+        because another mode seldom succeeds from an earlier guess. If the earlier mode failed with
+        equalities alone, guesses are fitted again without regard to effort; with inequalities, fits
+        end at the same violations.
         """
         self._source, again = tee(self._source)
         before = list(islice(again, n_tried))

@@ -40,7 +40,7 @@ _STABILITY_RTOL = 1e-3
 def descend(problem: Problem, start: Equilibrium) -> NlpSolution | None:
     """Return the optimum that a descent from a stable shape leads to; None if no step succeeds.
 
-    `problem` has a mode among its unknowns; `start` is an equilibrium on the mesh of the problem.
+    The unknowns of `problem` include a mode; `start` is an equilibrium on the mesh of the problem.
     """
     best: NlpSolution | None = None
     objective = np.inf

@@ -8,7 +8,8 @@ import pytest
 
 from octoplan.model import Arm, OctoplanError, Shape, settle
 from octoplan.planner import Limits, plan
-from octoplan.planner.certificate import COMPLEMENTARITY, Check, certify
+from octoplan.planner.certificate import COMPLEMENTARITY, Check
+from octoplan.planner.certification import certify
 from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
 from octoplan.planner.targets import TipPosition
 from tests.planner.cases import PAPER, changed, moderate, paper_tip

@@ -15,7 +15,8 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report
 from octoplan.model.support.text import HtmlRepr, to_text
-from octoplan.planner.certificate import Certificate, certify, tension_excess
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.certification import certify, tension_excess
 from octoplan.planner.extensions.trajectory.clear import between, strokes_between
 from octoplan.planner.extensions.trajectory.question import Question
 from octoplan.planner.extensions.trajectory.time_law import Timed, fastest_pace
