@@ -11,7 +11,6 @@ from octoplan.model.compliance import length_response
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.tendons import is_taut, rest_lengths
-from octoplan.planner.targets.stiffness import MinimumStiffness
 from octoplan.planner.targets.target_set import TargetSet
 
 
@@ -29,9 +28,10 @@ def remark_on_slack(targets: TargetSet, shape: Shape) -> str:
     sentences = []
     for target, request, *compliances in zip(asking, targets.requests, *both, strict=True):
         if request.hold == "length":
-            unit = "times what is wanted" if isinstance(target, MinimumStiffness) else "N/m"
             locked, released = (1 / np.linalg.eigvalsh(C).max() for C in compliances)
-            sentences.append(f"{locked:.4g} {unit} locked, {released:.4g} released")
+            sentences.append(
+                f"{locked:.4g} {target.stiffness_unit} locked, {released:.4g} released"
+            )
     return (
         " With lengths held all tendons are counted as locked, also those without tension, "
         f"{', '.join(slack)}: the tip's stiffness is {'; '.join(sentences)}, as stiffness() has it "

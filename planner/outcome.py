@@ -169,8 +169,8 @@ def _reason(plan: Any) -> str:
         ),
         (
             missed <= RESOLVED,
-            f"least squares of targets tell no less than {RESOLVED:.0e} of the arm's length, so "
-            "that it may be met all the same; ask for less accuracy",
+            f"misses below {RESOLVED:.0e} of the arm's length are not resolved, so that the target "
+            "may be met; relax the accuracy",
         ),
         (
             solution.in_the_way,
@@ -180,7 +180,8 @@ def _reason(plan: Any) -> str:
         ),
         (
             solution.unstable,
-            f"what meets it is {how_unstable}; stiffen the arm, lower the loads or move the target",
+            f"every shape found that meets the target is {how_unstable}; stiffen the arm, lower "
+            "the loads or move the target",
         ),
         (holders, f"held by {holders}; widen these limits or move the target"),
     )

@@ -1,18 +1,12 @@
-"""Solve nonlinear programs by ipopt: options, interruption, log, return statuses.
+"""Solve nonlinear programs by ipopt: options, derivatives, return statuses.
 
-No other module mentions ipopt's options or return statuses. The output of ipopt goes to the logger
-of this module at level DEBUG. A callback stops ipopt after Ctrl-C or at a time limit, because ipopt
-regards exceptions as failed evaluations.
+No other module mentions ipopt's options or return statuses.
 """
 
 from __future__ import annotations
 
-import io
 import logging
-import signal
-import threading
-from collections.abc import Iterator, Set
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Set
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -22,70 +16,11 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.nlp_options import Mode
 from octoplan.planner.nlp_solution import NlpSolution, SolverResult
 from octoplan.planner.problem import Bounds, Problem
 from octoplan.planner.program import Nlp, Program
-
-
-class Watch(ca.Callback):
-    """Stops ipopt at the next iteration after Ctrl-C, or when the time limit is reached.
-
-    Ctrl-C stops the main thread alone, as in Python.
-    """
-
-    def __init__(self) -> None:
-        ca.Callback.__init__(self)
-        self.interrupted = False
-        self.construct("watch", {})
-
-    def get_n_in(self) -> int:
-        """Return the number of quantities of an iterate."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """Return 1: whether to stop."""
-        return 1
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Return an empty pattern: the iterate is not used."""
-        return ca.Sparsity(0, 0)
-
-    def eval(self, arg: Any) -> list[ca.DM]:
-        """Return whether to stop."""
-        with suppress(OutOfTime):
-            check_time()
-            return [ca.DM(self.interrupted and _is_main())]
-        return [ca.DM(1)]
-
-    @contextmanager
-    def defer_interrupt(self) -> Iterator[None]:
-        """Defer Ctrl-C until the solver has stopped."""
-        previous = signal.getsignal(signal.SIGINT)
-        if not _is_main() or not callable(previous):
-            yield
-            return
-        signal.signal(signal.SIGINT, self._interrupt)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, previous)
-        if self.interrupted:
-            self.interrupted = False
-            previous(signal.SIGINT, None)
-
-    def _interrupt(self, *_: Any) -> None:
-        self.interrupted = True
-
-
-def _is_main() -> bool:
-    return threading.current_thread() is threading.main_thread()
-
-
-LOG = logging.getLogger(__name__)
-# Held by the thread whose solver writes to the standard output, which all threads share.
-_OUTPUT_LOCK = threading.RLock()
+from octoplan.planner.solve.interruption import LOG, WATCH, logged_output
 
 # Factor of the objective in ipopt [-]. An effort is about 1e-2 at an optimum; with this factor the
 # objective weighs as much as the barrier.
@@ -168,8 +103,6 @@ _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
     "nearest": _RELAXED | {"search": COLD | _FAR},
 }
 
-
-_WATCH = Watch()
 # Return statuses that count as convergence.
 _CONVERGED = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level"})
 # The same for an optimum that is polished: feasible steps as small as rounding errors.
@@ -191,7 +124,7 @@ def nlp_solver(nlp: Nlp, options: Options, is_logged: bool = False) -> BufferedF
         "calc_lam_p": False,
         "no_nlp_grad": True,
         "error_on_fail": False,
-        "iteration_callback": _WATCH,
+        "iteration_callback": WATCH,
         **nlp_derivatives(nlp),
         "ipopt": _COMMON | options | {"print_level": 5 if is_logged else 0},
     }
@@ -300,21 +233,10 @@ def run_solver(
     finite.
     """
     multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
-    with _WATCH.defer_interrupt(), _logged_output():
+    with WATCH.defer_interrupt(), logged_output():
         x, f, _, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     status, count = run.stats()["return_status"], int(run.stats()["iter_count"])
     converged = status in statuses
     LOG.debug("%s after %d iterations", "converged" if converged else f"failed: {status}", count)
     result = SolverResult(x, lam_x, lam_g, float(f[0]), converged, count)
     return result if result.is_finite else replace(result, converged=False)
-
-
-@contextmanager
-def _logged_output() -> Iterator[None]:
-    """Log the standard output at level DEBUG, of one thread at a time."""
-    if not LOG.isEnabledFor(logging.DEBUG):
-        yield
-        return
-    with _OUTPUT_LOCK, redirect_stdout(io.StringIO()) as output:
-        yield
-    LOG.debug(output.getvalue().strip())

@@ -158,6 +158,8 @@ class Target:
 
     # Name of the strategy that plans the target; see octoplan.planner.entry_points.
     plan_strategy = ""
+    # Unit of the inverse of the target's compliance, for the outcome of a plan.
+    stiffness_unit = "N/m"
 
     def check(self, arm: Arm) -> None:
         """Raise InputError if the target is unsuitable for the arm."""

@@ -116,7 +116,10 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
         {"in_the_way": "it passes through a ball"},
         "the plan without them meets it, and it passes through a ball",
     ),
-    "unstable": ({"unstable": True}, "what meets it is unstable under the loads; stiffen the arm"),
+    "unstable": (
+        {"unstable": True},
+        "every shape found that meets the target is unstable under the loads; stiffen the arm",
+    ),
     "nearest": ({}, "the nearest shape found is off in"),
     "an inequality": (
         {"certificate": replace(MISSED, inequality={"least bend": -0.1})},
