@@ -10,9 +10,9 @@ A block adds to the program (octoplan.planner.program) any of
     misses         expressions whose squares the relaxed program minimises
     objectives     expressions whose sum replaces the effort
 
-A new constraint is a subclass of Block. A strategy (octoplan.planner.strategy) passes blocks to
-`RelaxationStage(blocks=...)` and stores their `Constraints` in `Solution.avoidance`, so that the
-plan states the same program again; octoplan.planner.extensions.avoidance is an example. A target
+A new constraint is a subclass of Block. `Strategy.constraints` (octoplan.planner.strategy) returns
+the Constraints that add its blocks to all programs of a search. The solution keeps these in
+`avoidance`, so that the plan states the same program again. A target
 needs no block: octoplan.planner.targets.target_rows states the rows of all targets.
 
 A block is a frozen dataclass. The compared fields are the structure: two equal blocks add the same

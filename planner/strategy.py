@@ -17,6 +17,7 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
+from octoplan.planner.block import Constraints
 from octoplan.planner.certificate import BRINK
 from octoplan.planner.entry_points import JUMP, STRATEGIES, WARM_START, load
 from octoplan.planner.plan_result import Plan
@@ -42,6 +43,10 @@ class Strategy:
     ) -> PlanningProblem:
         """Return the problem with the environment; raise InputError for unsupported arguments."""
         return problem
+
+    def constraints(self, problem: PlanningProblem) -> Constraints | None:
+        """Return further constraints of the program, if any; see octoplan.planner.block."""
+        return None
 
     def is_continuable(self, near: Scene, scene: Scene) -> bool:
         """Return whether a plan in the scene `near` may be continued in a scene."""
@@ -87,9 +92,12 @@ class Strategy:
 
     def solve(self, problem: PlanningProblem, near: Plan | None) -> Solution:
         """Return the solution of a problem, warm-started from a plan nearby if possible."""
-        result: Solution | None = None if near is None else load(WARM_START)(near, problem)
+        constraints = self.constraints(problem)
+        result: Solution | None = None
+        if near is not None:
+            result = load(WARM_START)(near, problem, constraints)
         if result is None:
-            result = self.with_jump(Search(problem).run(), near)
+            result = self.with_jump(Search(problem, constraints).run(), near)
         return result
 
     def with_jump(self, result: Solution, near: Plan | None) -> Solution:
@@ -100,11 +108,13 @@ class Strategy:
 
     def solve_from(self, problem: PlanningProblem, plan: Plan) -> Solution | None:
         """Return the solution that meets the targets near the tensions of a plan, if any."""
-        stage = RelaxationStage(problem, "exact")
+        constraints = self.constraints(problem)
+        blocks = constraints.blocks(problem.arm) if constraints else ()
+        stage = RelaxationStage(problem, "exact", blocks=blocks)
         with suppress(OutOfTime):
             optimum = stage.solve_from(np.ravel(plan.tensions))
             fine = None if optimum is None else refine(optimum)
-            return None if fine is None else fine.result(stage.trials)
+            return None if fine is None else fine.result(stage.trials, avoidance=constraints)
         return None
 
 

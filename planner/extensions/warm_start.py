@@ -15,7 +15,7 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import OutOfTime, check_time
-from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.block import Constraints
 from octoplan.planner.nlp_solution import STABILITY_TOLERANCE, NlpSolution
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
@@ -30,7 +30,7 @@ _LEAST_STEP = 1 / 64
 
 
 def warm_start(
-    near: Plan, task: PlanningProblem, avoidance: ClearanceConstraints | None = None
+    near: Plan, task: PlanningProblem, avoidance: Constraints | None = None
 ) -> Solution | None:
     """Return the optimum to which the optimum of a plan continues, or None.
 
@@ -80,7 +80,7 @@ def jump(before: Array, after: Array, *others: Array) -> float:
 
 
 def _continued(
-    near: Plan, task: PlanningProblem, avoidance: ClearanceConstraints | None
+    near: Plan, task: PlanningProblem, avoidance: Constraints | None
 ) -> tuple[NlpSolution, float] | None:
     """Return the continued optimum and its jump, by steps in parameters and smallest tensions.
 

@@ -35,6 +35,7 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
+from octoplan.planner.block import Constraints
 from octoplan.planner.nlp_options import Mode
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import FINAL_WEIGHT, Problem
@@ -68,13 +69,17 @@ class Search:
         The problem; samples may require a finer coarse mesh.
     stage : RelaxationStage
         The last stage.
+    constraints : Constraints or None
+        Constraints whose blocks every program has.
     samples : Samples or None
-        Sampled shapes, after step 5.
+        Sampled shapes, after step 2.
     """
 
-    def __init__(self, task: PlanningProblem) -> None:
+    def __init__(self, task: PlanningProblem, constraints: Constraints | None = None) -> None:
         self.task = task
-        self.stage = RelaxationStage(task, "exact")
+        self.constraints = constraints
+        self.blocks = constraints.blocks(task.arm) if constraints else ()
+        self.stage = RelaxationStage(task, "exact", blocks=self.blocks)
         self.samples: Samples | None = None
         self._source = initial_guesses(task, is_loaded(task.scene))
 
@@ -84,7 +89,8 @@ class Search:
             result = self._run()
         except OutOfTime:
             result = self._best_so_far()
-        return replace(result, sampled=self.samples.count if self.samples else 0)
+        sampled = self.samples.count if self.samples else 0
+        return replace(result, sampled=sampled, avoidance=self.constraints)
 
     def _run(self) -> Solution:
         """Return the best optimum of the first mode of the targets that has one.
@@ -100,7 +106,9 @@ class Search:
             n_sampled = self._n_sampled if mode != "exact" and self.task.guesses else 0
             n_tried = len(suspended.trials) if suspended else 1
             guesses = self.guesses(n_tried, n_sampled)
-            stage = RelaxationStage(self.task, mode, guesses, last=self.stage.last)
+            stage = RelaxationStage(
+                self.task, mode, guesses, blocks=self.blocks, last=self.stage.last
+            )
             self.stage = stage
             can_resume = mode == "exact" and self.task.guesses is None
             n_guesses = N_FIRST_GUESSES if can_resume else None
@@ -162,7 +170,9 @@ class Search:
             trials = [replace(trial, met=False) for trial in stage.trials]
             best = stage.optima[:N_EQUAL_OPTIMA]
             guesses = chain((each.tensions for each in best), guesses)
-            stage = RelaxationStage(self.task, stage.mode, trials=trials, last=stage.last)
+            stage = RelaxationStage(
+                self.task, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
+            )
         stage.guesses = guesses
         if stage.mode == "nearest":
             stage.starts = self.samples.stable(MAX_DESCENTS, self.task.options.stability_bound)
@@ -220,13 +230,15 @@ class Search:
         if stage.mode == "exact" or refined is None or refined.f > ATTAINABLE:
             return result
         mesh = refined.problem.options.refinement
-        problem = Problem(task, task.coarse("exact").replace(refinement=mesh))
+        problem = Problem(task, task.coarse("exact").replace(refinement=mesh), self.blocks)
         try:
             with suppress(OctoplanError, np.linalg.LinAlgError):
                 corrected = on_mesh(refined, problem, task.settled(refined.tensions))
                 guesses = chain([refined.tensions], beside(corrected), self.guesses())
                 limited = islice(guesses, task.max_guesses)
-                exact = RelaxationStage(task, "exact", limited, corrected=corrected)
+                exact = RelaxationStage(
+                    task, "exact", limited, blocks=self.blocks, corrected=corrected
+                )
                 if stage.starts:
                     forward = Problem(task, task.coarse("exact")).forward
                     known = task.settled(refined.tensions).known

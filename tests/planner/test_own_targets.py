@@ -12,8 +12,12 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, InputError, settle
-from octoplan.planner import export_plan, plan, plan_many, program
+from octoplan.planner import Plan, export_plan, plan, plan_many, program
+from octoplan.planner.block import Block
+from octoplan.planner.blocks import TotalPull
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
+from octoplan.planner.strategy import Strategy
 from octoplan.planner.targets import Target, Terms, TipPosition, View, target_set
 from octoplan.planner.targets.target_set import TargetSet
 from tests.planner.cases import PAPER, Array, moderate
@@ -250,3 +254,35 @@ class Wrong(Target):
 def test_wrong_own_targets_are_refused_in_words(target: Target, words: str) -> None:
     with pytest.raises(InputError, match=words):
         plan(ARM, target, PAPER)
+
+
+@dataclass(frozen=True)
+class LimitedPull:
+    """Constraints of a project: the limit of the total pull as a block of its own."""
+
+    limit: float
+
+    def blocks(self, arm: Arm) -> tuple[Block, ...]:
+        return (TotalPull(self.limit),)
+
+
+class LimitedStrategy(Strategy):
+    """A strategy with these constraints."""
+
+    def constraints(self, problem: PlanningProblem) -> LimitedPull:
+        return LimitedPull(LIMIT)
+
+
+FREE = plan(ARM, TipPosition(tuple(SHAPE.tip)), PAPER, 20.0)
+LIMIT = 0.98 * float(FREE.tensions.sum())
+
+
+def test_constraints_of_a_strategy_enter_every_program() -> None:
+    limited = plan(ARM, FREE.targets, PAPER, 20.0, total_pull=LIMIT)
+    strategy = LimitedStrategy()
+    found = strategy.plan(FREE.problem, None)
+    assert found.tensions.sum() == pytest.approx(limited.tensions.sum(), rel=1e-6)
+    assert found.effort == pytest.approx(limited.effort, rel=1e-4)
+    assert found.solution.avoidance == LimitedPull(LIMIT)
+    assert found.reached
+    assert isinstance(strategy.plan(FREE.problem, found), Plan)
