@@ -48,7 +48,7 @@ class Equilibrium:
     system : DiscreteRod
     x : (n_x,)
         Tensions, load factor and states.
-    near : Equilibrium
+    linearised_at : Equilibrium
         The equations linearised so near that their Jacobian and its factors are as good.
     jacobian : (nnz,)
         The nonzeros, where they are known, or not those of the system: of a body that resists more.
@@ -58,7 +58,7 @@ class Equilibrium:
 
     system: DiscreteRod
     x: Array
-    near: Equilibrium | None = None
+    linearised_at: Equilibrium | None = None
     jacobian: Array | None = None
     history: History = "loads first"
 
@@ -68,8 +68,8 @@ class Equilibrium:
     @cached_property
     def nonzeros(self) -> Array:
         """The nonzeros of the Jacobian (nnz,), in the places of `band`."""
-        if self.near:
-            return self.near.nonzeros
+        if self.linearised_at:
+            return self.linearised_at.nonzeros
         if self.jacobian is not None:
             return self.jacobian
         return self.system.layout.equations.jacobian(self.x, self.system.p)[
@@ -89,8 +89,8 @@ class Equilibrium:
     @cached_property
     def factor(self) -> tuple[Array, Array] | None:
         """The LU factors of the Jacobian against the states; None where it is singular."""
-        if self.near:
-            return self.near.factor
+        if self.linearised_at:
+            return self.linearised_at.factor
         at = self.system.layout.band
         stored = np.zeros(self.system.layout.n_states * at.height)
         stored[at.stored] = self.nonzeros[at.inside]
@@ -132,7 +132,7 @@ class Equilibrium:
 
     def relinearised(self) -> Equilibrium:
         """Return the equilibrium with derivatives at its own states, not at those nearby."""
-        if self.near is None:
+        if self.linearised_at is None:
             return self
         return Equilibrium(self.system, self.x, history=self.history)
 

@@ -417,7 +417,7 @@ class Collocation:
         of, change = at.system.layout, at.by_tensions @ (tensions - at.tensions)
         _, (size,) = step_sizes(at.system, change[None], at.states[None])
         load, states = float(at.x[of.n_tendons]), at.states + change
-        start = Start(tensions, load, states, near=at if size < CHORD_RADIUS else None)
+        start = Start(tensions, load, states, linearised_at=at if size < CHORD_RADIUS else None)
         return newton(at.system, [start])[0]
 
     def without_loads(self, tensions: Array) -> Array:

@@ -1,13 +1,15 @@
-"""Newton's method for equilibria by collocation, of one set of tensions or of many side by side.
+"""Newton's method for the equilibrium on a mesh, for one set of tensions or many side by side.
 
-Steps are bounded and have to contract. Sets are apart from each other: what is side by side are the
-kernels, whose calls take longer than their operations.
+Steps are bounded and must contract, so that the method stays on the branch of its initial states.
+The sets of tensions do not interact: they share the calls of the kernels, because a call takes
+longer than the arithmetic of one set.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,45 +19,57 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.progress import check_time
 
-# Of an element, unless a scheme asks for fewer.
+# Number of Gauss stages of an element; some callers use fewer.
 STAGES = 3
-# Steps at most; those in contact may each bring places from sticking to slip or back, or other
-# nodes into touch.
-MAX_STEPS, MAX_STEPS_IN_CONTACT = 14, 30
-# The size of the last step: larger where its factorisation is of the same point, as the next one
-# would be its square.
-STEP_TOL, CHORD_STEP_TOL = 1e-10, 1e-13
-# A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
-CONTRACTION, SAFE_STEP = 0.5, 1e-3
-# The farthest that a frame may rotate from one equilibrium to the next on a branch [rad]; in one
-# step, as a change of its quaternion. So far ahead a tangent is trusted too [rad].
+# Largest number of steps.
+MAX_STEPS = 14
+# The same in contact: a step may change which nodes touch, and which of them stick or slip.
+MAX_STEPS_IN_CONTACT = 30
+# Size of the last step if the Jacobian is evaluated at each iterate: the next step would be about
+# the square of this size.
+STEP_TOL = 1e-10
+# Size of the last step if the factorisation of an earlier iterate is reused.
+CHORD_STEP_TOL = 1e-13
+# Largest ratio of a step to the last step that counts as contraction.
+CONTRACTION = 0.5
+# Size below which a step counts as safe without contraction, because rounding may dominate it.
+SAFE_STEP = 1e-3
+# Largest rotation of a frame from one equilibrium to the next on a branch [rad]; a tangent is
+# trusted up to the same rotation.
 MAX_BRANCH_ROTATION = 1.2
+# Largest change of a quaternion in one step: half the rotation of its frame.
 MAX_STEP_ROTATION = MAX_BRANCH_ROTATION / 2
-# Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
-# as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
-CHORD_RADIUS, CHORD_RATE = 0.02, 0.1
+# Largest first step after which the factorisation is reused. Guesses from another mesh are within
+# this distance. A residual costs a tenth of a factorised Jacobian.
+CHORD_RADIUS = 0.02
+# Largest ratio of a later step to the last step for which the factorisation is reused.
+CHORD_RATE = 0.1
+# Share of a step that does not contract at a kink of the equations, such as from stick to slip.
+KINK_DAMPING = 0.5
 
 
 class Start(NamedTuple):
-    """Where Newton's method begins.
+    """Initial guess of Newton's method.
 
     Attributes
     ----------
-    tensions, load, states : (n_tendons,), float, (n_states,)
-        Tensions and load factor, which stay, and the states.
-    near : Equilibrium
-        The equations linearised nearby, whose factorisation is begun with.
+    tensions, load : (n_tendons,), float
+        Tensions [N] and load factor; constant.
+    states : (n_states,)
+        Initial states.
+    linearised_at : Equilibrium
+        Linearised equations nearby, whose factorisation is used first.
     tolerance_factor : float
-        How many times larger the last steps may be; the root of that for how far from where they
-        were linearised the equations count as such.
+        Factor of the tolerances of the last step. The distance within which the linearised
+        equations are shared scales with its square root.
     history : History
-        How the arm comes to the equilibrium.
+        Order of loads and tensions; copied to the equilibrium.
     """
 
     tensions: Array
     load: float
     states: Array
-    near: Equilibrium | None = None
+    linearised_at: Equilibrium | None = None
     tolerance_factor: float = 1.0
     history: History = "loads first"
 
@@ -63,85 +77,170 @@ class Start(NamedTuple):
 def newton(
     system: DiscreteRod,
     starts: Sequence[Start],
-    farthest: float = MAX_STEP_ROTATION,
-    touching: Callable[[DiscreteRod, Array], DiscreteRod] | None = None,
+    max_rotation: float = MAX_STEP_ROTATION,
+    update_contacts: Callable[[DiscreteRod, Array], DiscreteRod] | None = None,
 ) -> list[Equilibrium | None]:
-    """Return the equilibria near given states, each under tensions of its own.
+    """Return the equilibrium near each initial guess; None if the method does not converge.
 
-    None where steps are not small or do not contract: that keeps to the branch of the states. In
-    contact, where what touches may change in each, steps that rotate frames far are shortened.
+    Without contact the method stops if a step is large or does not contract. In contact, steps
+    with large rotations are shortened instead, because each step may change which nodes touch.
 
     Parameters
     ----------
-    farthest : float
-        How far one step may rotate a frame.
-    touching : callable
-        Equations in contact and states -> the equations with what touches at these states; of one
-        start.
+    system : DiscreteRod
+    starts : sequence of Start
+    max_rotation : float
+        Largest change of a quaternion in one step.
+    update_contacts : callable
+        Equations and states -> the equations with the contacts of these states; for one start.
     """
-    ends, going = list[Equilibrium | None](), list[int]()
-    near, unknowns, first = list[Equilibrium | None](), list[Array](), system.layout.n_before_states
-    for start in starts:
-        going.append(len(ends))
-        ends.append(None)
-        near.append(start.near and (start.near.near or start.near))
-        unknowns.append(system.x(start.tensions, start.load, start.states))
-    begun, before, path = near.copy(), [0.0] * len(starts), [math.inf] * len(starts)
-    x = np.array(unknowns)
-    nonsmooth = any(term.is_nonsmooth for term in system.terms)
-    for _ in range(MAX_STEPS_IN_CONTACT if touching else MAX_STEPS):
-        if not going:
+    n_before = system.layout.n_before_states
+    is_nonsmooth = any(term.is_nonsmooth for term in system.terms)
+    iterations = [_Iteration.begin(system, start, max_rotation, is_nonsmooth) for start in starts]
+    active = iterations
+    for _ in range(MAX_STEPS_IN_CONTACT if update_contacts else MAX_STEPS):
+        if not active:
             break
         check_time()
-        if touching:
-            last, system = system, touching(system, x[0, first:])
-            near = near if np.allclose(system.p, last.p, CHORD_RADIUS, 0.0) else [None]
-        some = x[going]
-        points, steps = linearised(system, some, [near[i] for i in going])
-        for point, row in zip(points, steps, strict=True):
-            solvable = np.isfinite(row).all() and point.factor is not None
-            row[:] = -point.solve(row) if solvable else np.nan
-        sizes = step_sizes(system, steps, some[:, first:] + steps)
-        left = list[int]()
-        for i, point, step, rotation, size in zip(going, points, steps, *sizes, strict=True):
-            contracts = not before[i] or size <= max(CONTRACTION * before[i], SAFE_STEP)
-            is_safe = rotation <= farthest and contracts
-            if math.isnan(size) or not (touching or is_safe):
+        if update_contacts:
+            last = system
+            system = update_contacts(system, active[0].x[n_before:])
+            if not np.allclose(system.p, last.p, CHORD_RADIUS, 0.0):
+                active[0].linearised_at = None
+        x = np.array([each.x for each in active])
+        points, steps = _newton_steps(system, x, [each.linearised_at for each in active])
+        rotations, sizes = step_sizes(system, steps, x[:, n_before:] + steps)
+        remaining = list[_Iteration]()
+        for each, point, step, rotation, size in zip(
+            active, points, steps, rotations, sizes, strict=True
+        ):
+            contracts = each.contracts(size)
+            is_safe = rotation <= max_rotation and contracts
+            if math.isnan(size) or not (update_contacts or is_safe):
                 continue
-            tolerance_factor, keeps = starts[i].tolerance_factor, near[i] is not None
-            path[i] = size + (path[i] if keeps else 0.0)
-            level = tolerance_factor * (CHORD_STEP_TOL if keeps else STEP_TOL)
-            near[i] = point.near or point
-            # Where it sticks and slips by turns half a step leads on.
-            share = 0.5 if nonsmooth and not contracts else 1.0
-            x[i, first:] += min(share, farthest / max(rotation, farthest)) * step
-            if rotation <= farthest and (size < level or size**2 < level * before[i]):
-                # So near to where they were linearised the equations have the same derivatives.
-                is_close = path[i] < math.sqrt(STEP_TOL * tolerance_factor) and not nonsmooth
-                close = near[i] if is_close else None
-                ends[i] = Equilibrium(system, x[i], close, history=starts[i].history)
-                continue
-            far = CHORD_RADIUS if begun[i] is None else math.inf
-            if nonsmooth or size > (CHORD_RATE * before[i] if before[i] else far):
-                near[i] = None
-            before[i] = size
-            left.append(i)
-        going = left
-    return ends
+            each.take(point, step, rotation, size)
+            if each.result is None:
+                remaining.append(each)
+        active = remaining
+    return [each.result for each in iterations]
+
+
+@dataclass(eq=False)
+class _Iteration:
+    """Iteration from one initial guess.
+
+    Attributes
+    ----------
+    start : Start
+    x : (n_x,)
+        Tensions, load factor and states of the current iterate.
+    linearised_at : Equilibrium or None
+        Linearised equations whose factorisation the next step reuses; None for a new one.
+    max_rotation : float
+        Largest change of a quaternion in one step.
+    is_nonsmooth : bool
+        Whether the equations have kinks; then no factorisation is reused.
+    last_size : float
+        Size of the last step; 0 before the first step.
+    path : float
+        Sum of the sizes of the steps since the equations were linearised.
+    result : Equilibrium or None
+        The equilibrium after convergence.
+    """
+
+    start: Start
+    x: Array
+    linearised_at: Equilibrium | None
+    max_rotation: float
+    is_nonsmooth: bool
+    last_size: float = 0.0
+    path: float = math.inf
+    result: Equilibrium | None = None
+
+    @staticmethod
+    def begin(
+        system: DiscreteRod, start: Start, max_rotation: float, is_nonsmooth: bool
+    ) -> _Iteration:
+        """Return the iteration at its initial guess."""
+        x = system.x(start.tensions, start.load, start.states)
+        point = start.linearised_at
+        origin = point and (point.linearised_at or point)
+        return _Iteration(start, x, origin, max_rotation, is_nonsmooth)
+
+    def contracts(self, size: float) -> bool:
+        """Return whether a step is the first one, is small, or is shorter than the last step."""
+        return not self.last_size or size <= max(CONTRACTION * self.last_size, SAFE_STEP)
+
+    def take(self, point: Equilibrium, step: Array, rotation: float, size: float) -> None:
+        """Take a step; set the result after convergence, or decide on the next factorisation.
+
+        Parameters
+        ----------
+        point : Equilibrium
+            The equations linearised at the current iterate, or with an earlier factorisation.
+        step : (n_states,)
+        rotation, size : float
+            See step_sizes.
+        """
+        reuses_factor = self.linearised_at is not None
+        self.path = size + (self.path if reuses_factor else 0.0)
+        tolerance = CHORD_STEP_TOL if reuses_factor else STEP_TOL
+        tolerance *= self.start.tolerance_factor
+        self.linearised_at = point.linearised_at or point
+        share = KINK_DAMPING if self.is_nonsmooth and not self.contracts(size) else 1.0
+        share = min(share, self.max_rotation / max(rotation, self.max_rotation))
+        self.x[-step.size :] += share * step
+        # The next step would be about size^2 / last_size.
+        is_small = size < tolerance or size**2 < tolerance * self.last_size
+        if rotation <= self.max_rotation and is_small:
+            self.result = self._equilibrium(point.system)
+            return
+        if self.last_size:
+            largest = CHORD_RATE * self.last_size
+        else:
+            largest = CHORD_RADIUS if self.start.linearised_at is None else math.inf
+        if self.is_nonsmooth or size > largest:
+            self.linearised_at = None
+        self.last_size = size
+
+    def _equilibrium(self, system: DiscreteRod) -> Equilibrium:
+        """Return the equilibrium at the current iterate.
+
+        It shares linearised equations that are so near that their derivatives agree with its own.
+        """
+        limit = math.sqrt(STEP_TOL * self.start.tolerance_factor)
+        shares = self.path < limit and not self.is_nonsmooth
+        origin = self.linearised_at if shares else None
+        return Equilibrium(system, self.x, origin, history=self.start.history)
+
+
+def _newton_steps(
+    system: DiscreteRod, x: Array, linearised_at: list[Equilibrium | None]
+) -> tuple[list[Equilibrium], Array]:
+    """Return the equations linearised at points x (M, n_x), and Newton's steps (M, n_states).
+
+    A step is NaN if its equations are singular or not finite. Equations with an entry of
+    `linearised_at` reuse the factorisation of this entry.
+    """
+    points, steps = linearised(system, x, linearised_at)
+    for point, row in zip(points, steps, strict=True):
+        solvable = np.isfinite(row).all() and point.factor is not None
+        row[:] = -point.solve(row) if solvable else np.nan
+    return points, steps
 
 
 def step_sizes(system: DiscreteRod, steps: Array, states: Array) -> tuple[list[float], list[float]]:
-    """Return how far each of steps (M, n_states) rotates a frame at most (M,), as its quaternion.
+    """Return the largest change of a quaternion (M,) and the size (M,) of steps (M, n_states).
 
-    And its size (M,): the largest of this rotation, the relative change of strains (of curvatures
-    relative to 1 / L at least), and the sizes that terms give their node variables.
+    The size is the largest of this change, of the relative changes of the strains (curvatures
+    relative to 1 / L at least), and of the sizes that terms assign to their node variables.
     """
-    of = system.layout
-    rotation = np.abs(steps[:, of.nodes[:, :4]]).max(axis=(1, 2))
-    relative = steps[:, of.stages] / (system.units + np.abs(states[:, of.stages]))
+    layout = system.layout
+    rotation = np.abs(steps[:, layout.nodes[:, :4]]).max(axis=(1, 2))
+    relative = steps[:, layout.stages] / (system.units + np.abs(states[:, layout.stages]))
     size = np.maximum(rotation, np.abs(relative).max(axis=(1, 2)))
-    for terms, groups in zip(system.node_terms, of.node_variables, strict=True):
+    for terms, groups in zip(system.node_terms, layout.node_variables, strict=True):
         for term, places in zip(terms, groups, strict=True):
-            own = term.step_sizes(steps[:, places], states[:, places], system.mesh)
-            size = np.maximum(size, own)
+            term_size = term.step_sizes(steps[:, places], states[:, places], system.mesh)
+            size = np.maximum(size, term_size)
     return rotation.tolist(), size.tolist()

@@ -10,13 +10,14 @@ With kappa_i, nu_i the strains at the Gauss stages and a, b, c the tableau
     body(v_i) + sum T tendon(v_i) = (R_i^T M_i, R_i^T F_i)
 
 with F_i, M_i at the stages by b_j - a_ij in place of b_j. Poses are integrated from the base,
-forces and moments from the tip. Dead loads enter by their resultant between each stage and the tip,
-whose integral is known; f are the shape-dependent loads of the rod terms.
+forces and moments from the tip, so that the balance of a stage contains M_{k+1} and F_{k+1}. The
+dead loads enter by their known resultant between each stage and the tip; f are the shape-dependent
+loads of the rod terms.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -32,9 +33,9 @@ class ElementSymbols:
     """Unknowns and parameters of one element.
 
     Unknowns: load factor, (q, u, M, F) at the first node, strains and further variables at the
-    stages, (q, u, M, F) at the last node. Parameters: h, a dead force (3,) and a moment (3,) beyond
-    the last node that are no part of the loads, by stage the dead resultant (3,), and the
-    parameters of the terms.
+    stages, (q, u, M, F) at the last node. Parameters: h, an additional dead force (3,) and moment
+    (3,) at the last node (0 except in sensitivities), the dead resultant (3,) of each stage, and
+    the parameters of the terms.
     """
 
     def __init__(self, structure: RodStructure) -> None:
@@ -66,33 +67,74 @@ class ElementSymbols:
 def element(structure: RodStructure) -> Kernel:
     """Return the kernel of an element.
 
-    Rows: the residuals of M_k and F_k, minus the local wrench at the stages (each followed by the
-    shares of the terms in their stage equations), the residuals of q_{k+1} and u_{k+1}. All but
-    the rows at the nodes is evaluated in the frame at the first node.
+    Rows: the residuals of M_k and F_k; by stage, minus the local wrench and then the shares of the
+    terms in their stage equations; the residuals of q_{k+1} and u_{k+1}. All vectors except the
+    rows at the nodes are in the frame at the first node.
     """
     x = ElementSymbols(structure)
-    law = structure.law
-    method = gauss(structure.stages)
-    terms = Intermediates()
-    twists = [law.twist(v) for v in ca.horzsplit(x.v)]
-    twists = [(terms.define(kappa), nu) for kappa, nu in twists]
-    *to_stages, across = rotation_quaternions(terms, [kappa for kappa, _ in twists], x.h)
-    R = [unit_matrix(each) for each in to_stages]
-    tangents = [terms.define(frame @ nu) for frame, (_, nu) in zip(R, twists, strict=True)]
+    intermediates = Intermediates()
+    kinematics = _kinematics(structure, x, intermediates)
+    if structure.has_moment:
+        balance = _balance_rows(structure, x, kinematics, intermediates)
+    else:
+        balance = ca.SX.zeros(x.z.numel())
+    rows = ca.vertcat(balance, *kinematics.rows)
+    return Kernel("element", x.unknowns, x.parameters, rows, intermediates)
+
+
+@dataclass(frozen=True, eq=False)
+class _Kinematics:
+    """Kinematics of an element.
+
+    Attributes
+    ----------
+    first : (3, 3)
+        Frame at the first node.
+    frames : list of (3, 3)
+        Frames at the stages, relative to the first node.
+    strains : list of ((3,), (3,))
+        kappa and nu at the stages.
+    tangents : list of (3,)
+        R_i nu_i in the frame at the first node.
+    rows : list
+        Residuals of the quaternion (4,) and the position (3,) at the last node.
+    """
+
+    first: ca.SX
+    frames: list[ca.SX]
+    strains: list[tuple[ca.SX, ca.SX]]
+    tangents: list[ca.SX]
+    rows: list[ca.SX]
+
+
+def _kinematics(
+    structure: RodStructure, x: ElementSymbols, intermediates: Intermediates
+) -> _Kinematics:
+    """Return the kinematics of an element."""
+    twists = [structure.law.twist(v) for v in ca.horzsplit(x.v)]
+    strains = [(intermediates.define(kappa), nu) for kappa, nu in twists]
+    curvatures = [kappa for kappa, _ in strains]
+    *to_stages, across = rotation_quaternions(intermediates, curvatures, x.h)
+    frames = [unit_matrix(quaternion) for quaternion in to_stages]
+    pairs = zip(frames, strains, strict=True)
+    tangents = [intermediates.define(R @ nu) for R, (_, nu) in pairs]
     first = unit_matrix(x.q)
+    mean_tangent = intermediates.define(weighted_sum(gauss(structure.stages).b, tangents))
     rows = [
         x.q_next - multiply(x.q, across),
-        x.u_next - x.u - x.h * first @ terms.define(weighted_sum(method.b, tangents)),
+        x.u_next - x.u - x.h * first @ mean_tangent,
     ]
-    if not structure.has_moment:
-        return Kernel(
-            "element",
-            x.unknowns,
-            x.parameters,
-            ca.vertcat(ca.SX.zeros(x.z.numel()), *rows),
-            terms,
-        )
-    rotated = BaseVectors(first, terms)
+    return _Kinematics(first, frames, strains, tangents, rows)
+
+
+def _balance_rows(
+    structure: RodStructure,
+    x: ElementSymbols,
+    kinematics: _Kinematics,
+    intermediates: Intermediates,
+) -> ca.SX:
+    """Return the residuals of M_k and F_k, and the rows of the stages."""
+    from_base = BaseVectors(kinematics.first, intermediates)
     sections = [
         SectionView(
             strains=x.v[:, i],
@@ -102,39 +144,31 @@ def element(structure: RodStructure) -> Kernel:
             frame=frame,
             kappa=kappa,
             nu=nu,
-            from_base=rotated,
+            from_base=from_base,
         )
-        for i, (frame, (kappa, nu)) in enumerate(zip(R, twists, strict=True))
+        for i, (frame, (kappa, nu)) in enumerate(
+            zip(kinematics.frames, kinematics.strains, strict=True)
+        )
     ]
     loads = [_load(structure, x, section, i) for i, section in enumerate(sections)]
     if structure.has_force:
-        loads = [terms.define(load) for load in loads]
-    F, force_rows = _forces(structure, x, first, loads, terms)
-    moment_rates = [terms.define(ca.cross(t, f)) for t, f in zip(tangents, F, strict=True)]
-    M_next = x.w_next[:3] + x.moment
-    change = terms.define(weighted_sum(method.b, moment_rates))
-    moment_rows = x.w[:3] - M_next - x.h * first @ change
-    M_local = terms.define(first.T @ M_next)
-    M = [terms.define(M_local + x.h * weighted_sum(method.b - a, moment_rates)) for a in method.a]
+        loads = [intermediates.define(load) for load in loads]
+    F, force_rows = _forces(structure, x, kinematics.first, loads, intermediates)
+    M, moment_row = _moments(structure, x, kinematics, F, intermediates)
     stage_rows = []
     for i, section in enumerate(sections):
         moment = section.frame.T @ M[i]
         force = section.frame.T @ F[i]
-        stage_rows.append(-join(law, moment, force[0], force[1:]))
+        stage_rows.append(-join(structure.law, moment, force[0], force[1:]))
         view = replace(section, moment=moment, force=force, load=loads[i])
         for k, term in enumerate(structure.terms):
-            stage_rows.append(term.section_equations(law, _own(structure, x, view, k, i)))
-    return Kernel(
-        "element",
-        x.unknowns,
-        x.parameters,
-        ca.vertcat(moment_rows, *force_rows, *stage_rows, *rows),
-        terms,
-    )
+            view_of_term = _section_of_term(structure, x, view, k, i)
+            stage_rows.append(term.section_equations(structure.law, view_of_term))
+    return ca.vertcat(moment_row, *force_rows, *stage_rows)
 
 
 class BaseVectors:
-    """Rotates vectors of the base frame into the frame at the first node, each of them once."""
+    """Rotation from the base frame to the frame at the first node; vectors are rotated once."""
 
     def __init__(self, first: ca.SX, intermediates: Intermediates) -> None:
         self._first = first
@@ -152,9 +186,9 @@ class BaseVectors:
 
 
 def rotation_quaternions(intermediates: Intermediates, kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
-    """Return the quaternions (4,) from the first node's frame to the stages' and the last node's.
+    """Return the quaternions (4,) from the first node to each stage and to the last node.
 
-    By the curvatures (3,) at the stages.
+    `kappa` are the curvatures (3,) at the stages.
     """
     inner = Intermediates()
     stacked = ca.vertcat(*rotation_vectors(kappa, h, inner.define))
@@ -166,7 +200,7 @@ def rotation_quaternions(intermediates: Intermediates, kappa: list[ca.SX], h: ca
     ]
 
 
-def _own(
+def _section_of_term(
     structure: RodStructure, x: ElementSymbols, section: SectionView, k: int, stage: int
 ) -> SectionView:
     """Return the view of a cross-section for term k."""
@@ -183,7 +217,9 @@ def _load(structure: RodStructure, x: ElementSymbols, section: SectionView, stag
     """Return the shape-dependent load (3,) at a stage, in the frame at the first node [N/m]."""
     load = ca.SX(3, 1)
     for k, term in enumerate(structure.terms):
-        load += x.load_factor * term.load_per_length(_own(structure, x, section, k, stage))
+        load += x.load_factor * term.load_per_length(
+            _section_of_term(structure, x, section, k, stage)
+        )
     return load
 
 
@@ -207,3 +243,22 @@ def _forces(
         for dead, a in zip(F, method.a, strict=True)
     ]
     return F, [x.w[3:] - F_next - x.h * first @ weighted_sum(method.b, loads)]
+
+
+def _moments(
+    structure: RodStructure,
+    x: ElementSymbols,
+    kinematics: _Kinematics,
+    F: list[ca.SX],
+    intermediates: Intermediates,
+) -> tuple[list[ca.SX], ca.SX]:
+    """Return the moments at the stages in the frame at the first node, and the residual of M_k."""
+    method = gauss(structure.stages)
+    pairs = zip(kinematics.tangents, F, strict=True)
+    rates = [intermediates.define(ca.cross(tangent, force)) for tangent, force in pairs]
+    M_next = x.w_next[:3] + x.moment
+    mean_rate = intermediates.define(weighted_sum(method.b, rates))
+    row = x.w[:3] - M_next - x.h * kinematics.first @ mean_rate
+    M_local = intermediates.define(kinematics.first.T @ M_next)
+    M = [intermediates.define(M_local + x.h * weighted_sum(method.b - a, rates)) for a in method.a]
+    return M, row

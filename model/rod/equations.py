@@ -1,8 +1,8 @@
-"""Equations that are sums of small kernels, each repeated over the arm, and their derivatives.
+"""Sparse equations that are sums of small kernels, each repeated along the arm; derivatives.
 
-A term is a kernel (octoplan.model.rod.kernels) with the places of its unknowns and rows
-in the whole. The derivatives of all repetitions are added up in the sparse Jacobian and Hessian, in
-numbers, and for CasADi's solvers in its symbols, by `map` and a constant matrix.
+A term is a kernel (octoplan.model.rod.kernels) with the indices of its unknowns and rows. The
+derivatives of all repetitions are added to the sparse Jacobian and Hessian: in numbers, and as
+expressions for CasADi's solvers by `map` and a constant matrix.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Term:
     ----------
     kernel : Kernel
     unknowns : (n_y, N)
-        Place of each of its unknowns among all.
+        Index of each unknown of each repetition.
     rows : (n_r, N)
-        Place of each of its residuals among all.
+        Index of each residual of each repetition.
     """
 
     kernel: Kernel
@@ -46,7 +46,7 @@ class Term:
 
     @property
     def count(self) -> int:
-        """How often the kernel is repeated."""
+        """The number of repetitions N."""
         return int(self.unknowns.shape[1])
 
 
@@ -57,17 +57,31 @@ ParameterValues = dict[str, dict[str, Array]]
 class Equations:
     """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and parameters p (n_p,).
 
-    The parameters are those of the terms, one after the other, each repetition by repetition. With
-    `machine_code` the kernels are compiled; then nothing can be differentiated by CasADi.
+    p contains the parameters term by term, and repetition by repetition in each term.
+
+    Parameters
+    ----------
+    n_x, n_g : int
+    terms : list of Term
+        Kernels with parameters have different names.
+    machine_code : bool
+        Whether the kernels are compiled; then CasADi cannot differentiate them.
 
     Attributes
     ----------
     value : AssembledValue
-        Of (x, p): g.
-    jacobian, parameter_jacobian : AssembledValue
-        Of (x, p): dg/dx and as a last column g (n_g, n_x + 1); dg/dp (n_g, n_p).
+        (x, p) -> g.
+    jacobian : AssembledValue
+        (x, p) -> dg/dx with g as the last column (n_g, n_x + 1).
+    parameter_jacobian : AssembledValue
+        (x, p) -> dg/dp (n_g, n_p).
     hessian : AssembledValue
-        Of (x, p, lam): the Hessian of lam . g in x (n_x, n_x), all of it.
+        (x, p, lam) -> the full Hessian of lam . g in x (n_x, n_x).
+
+    Raises
+    ------
+    ValueError
+        If two kernels with parameters have the same name.
     """
 
     def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
@@ -75,6 +89,9 @@ class Equations:
         self.n_x = n_x
         self.n_g = n_g
         self.terms = [term for term in terms if term.count]
+        names = [term.kernel.name for term in self.terms if term.kernel.parameters]
+        if len(names) > len(set(names)):
+            raise ValueError(f"kernels = {names}: must have different names")
         ends = np.cumsum([0, *(term.kernel.c.numel() * term.count for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
@@ -84,143 +101,166 @@ class Equations:
         self.hessian = AssembledValue(self, "hessian", (n_x, n_x))
 
     def vector(self, parameters: ParameterValues) -> Array:
-        """Return the parameters p (n_p,) by kernel and name, each (size, N)."""
+        """Return the parameters p (n_p,) from values (size, N) by kernel and name."""
         p = np.empty(self.n_p)
-        for kernel, places in self.named(p).items():
-            for name, place in places.items():
-                place[:] = parameters[kernel][name]
+        for kernel, views in self.named(p).items():
+            for name, view in views.items():
+                view[:] = parameters[kernel][name]
         return p
 
     def named(self, p: Array) -> ParameterValues:
-        """Return views (size, N, ...) of the parameters p (n_p, ...), by kernel and name.
-
-        Or of changes of the parameters (n_p, K).
-        """
+        """Return views (size, N, ...) of the parameters p (n_p, ...), by kernel and name."""
         result: ParameterValues = {}
-        for term, places in zip(self.terms, self.slices, strict=True):
-            columns = p[places].reshape(term.count, -1, *p.shape[1:])
+        for term, part in zip(self.terms, self.slices, strict=True):
+            columns = p[part].reshape(term.count, -1, *p.shape[1:])
             result[term.kernel.name] = {
                 name: columns[:, rows].swapaxes(0, 1) for name, rows in term.kernel.slices.items()
             }
         return result
 
     def with_parameters_as_variables(self) -> Equations:
-        """Return the same equations with the numbers among the unknowns, behind the others."""
+        """Return the same equations with p as unknowns behind x."""
         terms = []
-        for term, of in zip(self.terms, self.slices, strict=True):
-            values = np.arange(of.start, of.stop).reshape((-1, term.count), order="F")
-            places = np.vstack([term.unknowns, self.n_x + values])
-            terms.append(Term(term.kernel.with_parameters_as_variables(), places, term.rows))
+        for term, part in zip(self.terms, self.slices, strict=True):
+            unknowns = np.vstack([term.unknowns, self.n_x + _columns(part, term.count)])
+            terms.append(Term(term.kernel.with_parameters_as_variables(), unknowns, term.rows))
         return Equations(self.n_x + self.n_p, self.n_g, terms)
 
     def along_parameters(self, x: Array, p: Array, change: Array) -> Array:
-        """Return the derivatives of residuals (n_g, K) along changes of the numbers (n_p, K)."""
+        """Return the derivatives of the residuals (n_g, K) along changes of p (n_p, K)."""
         nonzeros = self.parameter_jacobian(x, p)
         J = csr_array((nonzeros, self.parameter_jacobian.triplet), (self.n_g, self.n_p))
         return np.asarray(J @ change)
 
 
-class AssembledValue:
-    """What the kernels of equations add up to: the nonzeros of the residuals or of a derivative."""
+def _columns(part: slice, count: int) -> Places:
+    """Return the indices in a slice as (n, count): one column for each repetition."""
+    return np.arange(part.start, part.stop).reshape((-1, count), order="F")
 
-    def __init__(self, of: Equations, what: What, shape: tuple[int, int]) -> None:
-        self._of, self._what, self._shape = of, what, shape
+
+class AssembledValue:
+    """The nonzeros of the residuals, or of a derivative, assembled from the values of the kernels.
+
+    Parameters
+    ----------
+    equations : Equations
+    what : {"value", "jacobian", "parameter_jacobian", "hessian"}
+    shape : (int, int)
+    """
+
+    def __init__(self, equations: Equations, what: What, shape: tuple[int, int]) -> None:
+        self._equations = equations
+        self._what = what
+        self._shape = shape
 
     @property
     def places(self) -> ca.Sparsity:
-        """Where the nonzeros are."""
+        """The sparsity pattern."""
         rows, columns = self.triplet
         return ca.Sparsity.triplet(*self._shape, rows.tolist(), columns.tolist())
 
     @property
     def triplet(self) -> tuple[Places, Places]:
         """Rows and columns of the nonzeros."""
-        return self._placed[:2]
+        return self._scatter_index[:2]
 
     @cached_property
-    def _placed(self) -> tuple[Places, Places, Places]:
-        """Rows and columns of the nonzeros, and to which of them each value of the kernels adds."""
-        of, what, (height, _) = self._of, self._what, self._shape
+    def _scatter_index(self) -> tuple[Places, Places, Places]:
+        """Rows and columns of the nonzeros, and the nonzero to which each kernel value is added."""
+        equations = self._equations
+        what = self._what
+        height, _ = self._shape
         if what == "value":
-            rows = [np.zeros(0, np.int64), *(term.rows.ravel("F") for term in of.terms)]
+            rows = [np.zeros(0, np.int64), *(term.rows.ravel("F") for term in equations.terms)]
             return np.arange(height), np.zeros(height, np.int64), np.concatenate(rows)
         keys = [np.zeros(0, np.int64)]
-        for term, numbers in zip(of.terms, of.slices, strict=True):
+        for term, part in zip(equations.terms, equations.slices, strict=True):
             _, i, j = term.kernel.derivative(what)
-            values = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
-            columns = (values if what == "parameter_jacobian" else term.unknowns)[j]
-            rows_of = (term.unknowns if what == "hessian" else term.rows)[i]
-            keys.append((columns * height + rows_of).ravel("F"))
+            by_parameters = what == "parameter_jacobian"
+            columns = _columns(part, term.count) if by_parameters else term.unknowns
+            rows_of_term = term.unknowns if what == "hessian" else term.rows
+            keys.append((columns[j] * height + rows_of_term[i]).ravel("F"))
             if what == "jacobian":
-                keys.append((of.n_x * height + term.rows).ravel("F"))
+                keys.append((equations.n_x * height + term.rows).ravel("F"))
         order, index = np.unique(np.concatenate(keys), return_inverse=True)
         return order % height, order // height, index
 
     def __call__(self, x: Array, *value: Array) -> Array:
-        """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError.
+        """Return the nonzeros (nnz,) at x (n_x,) and p, and lam for the Hessian.
 
-        Of values and Jacobians those of many unknowns (M, n_x), too, as (M, nonzeros).
+        Residuals and Jacobians at many unknowns (M, n_x) are (M, nnz). Raise CompilerError if the
+        kernels cannot be compiled.
         """
-        rows, _, index = self._placed
+        rows, _, index = self._scatter_index
         if x.ndim == 1:
-            values = self._each.flat(x, *value)
+            values = self._kernel_values.flat(x, *value)
             return np.bincount(index, values, rows.size).astype(float, copy=False)
         if len(x) == 1:
             return self(x[0], *value)[None]
-        most = max((term.count for term in self._of.terms), default=0)
-        if (self._of.machine_code or len(x) * most > FEW) and all(self._columns):
+        most = max((term.count for term in self._equations.terms), default=0)
+        many = self._equations.machine_code or len(x) * most > FEW
+        if many and all(self._interpreters):
             return self._side_by_side(x, *value)
         return np.array([self(row, *value) for row in x])
 
     def _side_by_side(self, x: Array, p: Array) -> Array:
-        """Return the nonzeros (M, nonzeros) by many unknowns (M, n_x), and p."""
-        unknowns, values = np.ascontiguousarray(x.T), []
-        for run, term, numbers in zip(self._columns, self._of.terms, self._of.slices, strict=True):
+        """Return the nonzeros (M, nnz) at many unknowns (M, n_x) and p."""
+        unknowns = np.ascontiguousarray(x.T)
+        values = []
+        for run, term, part in zip(
+            self._interpreters, self._equations.terms, self._equations.slices, strict=True
+        ):
             assert run is not None
-            y, c = unknowns[term.unknowns], p[numbers].reshape(term.count, -1).T
+            y = unknowns[term.unknowns]
+            c = p[part].reshape(term.count, -1).T
             results = run(y.reshape(len(y), -1), np.repeat(c, len(x), axis=1))
             values += [r.reshape(-1, len(x)) for r in results]
-        return np.ascontiguousarray((self._adding @ np.concatenate(values)).T)
+        return np.ascontiguousarray((self._scatter_matrix @ np.concatenate(values)).T)
 
     @cached_property
-    def _columns(self) -> list[VectorInterpreter | None]:
-        """The kernels for all repetitions of many unknowns; None for what these cannot do."""
-        return [
-            cached(BatchFunction, each, self._of.machine_code).columns for each in self._functions
-        ]
+    def _interpreters(self) -> list[VectorInterpreter | None]:
+        """The kernels for all repetitions of many unknowns; None for unsupported kernels."""
+        machine_code = self._equations.machine_code
+        return [cached(BatchFunction, each, machine_code).columns for each in self._functions]
 
     @cached_property
-    def _adding(self) -> csr_array:
-        """The matrix that adds values, those of each kernel row by row, to nonzeros."""
-        rows, _, index = self._placed
-        ends, order = 0, []
-        for term, each in zip(self._of.terms, self._functions, strict=True):
+    def _scatter_matrix(self) -> csr_array:
+        """The matrix that adds kernel values, of each kernel row by row, to the nonzeros."""
+        rows, _, index = self._scatter_index
+        end = 0
+        order = []
+        for term, each in zip(self._equations.terms, self._functions, strict=True):
             for k in range(each.n_out()):
                 size = term.count * each.numel_out(k)
-                order.append(ends + np.arange(size).reshape(term.count, -1).ravel("F"))
-                ends += size
-        at = index[np.concatenate(order)]
-        return csr_array((np.ones(at.size), (at, np.arange(at.size))), (rows.size, at.size))
+                order.append(end + np.arange(size).reshape(term.count, -1).ravel("F"))
+                end += size
+        targets = index[np.concatenate(order)]
+        entries = (targets, np.arange(targets.size))
+        return csr_array((np.ones(targets.size), entries), (rows.size, targets.size))
 
     @cached_property
     def function(self) -> ca.Function:
-        """The same as an expression, for CasADi's solvers. Raises CompilerError."""
-        (rows, _, at), arguments = self._placed, self._each.function.mx_in()
-        add = ca.Sparsity(rows.size, at.size, list(range(at.size + 1)), at.tolist())
-        values = ca.vertcat(*(ca.vec(part) for part in self._each.function.call(arguments)))
-        return ca.Function(self._what, arguments, [ca.DM(add, 1.0) @ values])
+        """The same value as an expression, for CasADi's solvers. Raises CompilerError."""
+        rows, _, index = self._scatter_index
+        arguments = self._kernel_values.function.mx_in()
+        columns = list(range(index.size + 1))
+        scatter = ca.Sparsity(rows.size, index.size, columns, index.tolist())
+        values = ca.vertcat(*(ca.vec(x) for x in self._kernel_values.function.call(arguments)))
+        return ca.Function(self._what, arguments, [ca.DM(scatter, 1.0) @ values])
 
     @cached_property
-    def _each(self) -> BufferedFunction:
-        """The values of the kernels: the results of each, whose columns are repetitions."""
-        of, what = self._of, self._what
-        sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
+    def _kernel_values(self) -> BufferedFunction:
+        """The results of each kernel; the columns of a result are the repetitions."""
+        equations = self._equations
+        what = self._what
+        sizes = [("x", equations.n_x), ("p", equations.n_p), ("lam", equations.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
         x, p, *lam = arguments
-        functions, results = kernels(self._functions, of.machine_code), []
-        for f, term, numbers in zip(functions, of.terms, of.slices, strict=True):
-            # Unknowns, numbers and any multipliers, repetitions as columns.
-            gathered = [x[term.unknowns.ravel("F").tolist()], p[numbers]]
+        functions = kernels(self._functions, equations.machine_code)
+        results = []
+        for f, term, part in zip(functions, equations.terms, equations.slices, strict=True):
+            # Unknowns, parameters and any multipliers, with repetitions as columns.
+            gathered = [x[term.unknowns.ravel("F").tolist()], p[part]]
             gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
             columns = [ca.reshape(values, -1, term.count) for values in gathered]
             results += f.map(term.count).call(columns)
@@ -228,6 +268,7 @@ class AssembledValue:
 
     @property
     def _functions(self) -> list[ca.Function]:
-        """What each kernel adds, once."""
-        what, terms = self._what, [term.kernel for term in self._of.terms]
-        return [each.value if what == "value" else each.derivative(what)[0] for each in terms]
+        """The function of each kernel for one repetition."""
+        what = self._what
+        all_kernels = [term.kernel for term in self._equations.terms]
+        return [each.value if what == "value" else each.derivative(what)[0] for each in all_kernels]

@@ -1,20 +1,21 @@
 """Kernels: functions of a few unknowns and parameters, with their derivatives.
 
-A kernel may define intermediates: of unknowns y, quantities z_1 to z_K one after the other, and of
-all of these the residuals r. CasADi differentiates each definition by itself, and the chain rule
-joins them: for Jacobians from the first to the last, because residuals are as many as unknowns,
+A kernel may define intermediates: quantities z_1 to z_K, each a function of the unknowns y and the
+intermediates before. The residuals r are functions of y and all intermediates. CasADi
+differentiates each definition separately, and the chain rule joins the derivatives: for Jacobians
+from the first intermediate to the last, because there are as many residuals as unknowns,
 
-    dz_k/dy = f_y + f_z dz/dy,        z_k = f(y, z), z all quantities before,
+    dz_k/dy = f_y + f_z dz/dy,        z_k = f(y, z), z all intermediates before,
 
-and for Hessians from the last to the first. With z = f(x) a definition, x all that comes before,
-and L the rest as a function of both,
+and for Hessians from the last to the first. With a definition z = f(x), x all symbols before, and
+the remaining function L(x, z),
 
     L'(x)  <-  L_x + L_z f_x
     L''(x) <-  L_xx + L_xz f_x + f_x^T L_zx + f_x^T L_zz f_x + sum_k L_z,k f_k,xx.
 
-If few quantities carry the effect of many, this takes half as many operations as derivatives of
-the whole. Source: Gower, Mello, "A new framework for the computation of Hessians", Optim. Methods
-Softw. 27 (2012), here by blocks.
+With few intermediates between many unknowns and many residuals, this takes half the operations of
+the derivatives of r(y). Source: Gower, Mello, "A new framework for the computation of Hessians",
+Optim. Methods Softw. 27 (2012), here by blocks.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ What = Literal["value", "jacobian", "parameter_jacobian", "hessian"]
 
 
 class Intermediates:
-    """Intermediates of a function: quantities of its unknowns x and of the quantities before.
+    """Intermediates of a function: quantities that depend on unknowns x and intermediates before.
 
     Attributes
     ----------
@@ -44,13 +45,13 @@ class Intermediates:
         self.definitions: list[tuple[ca.SX, ca.SX, Intermediates]] = []
 
     def define(self, value: ca.SX, inner: Intermediates | None = None) -> ca.SX:
-        """Return symbols (n,) that stand for a quantity (n,) in all later expressions."""
+        """Return symbols (n,) that represent a quantity (n,) in all later expressions."""
         z = ca.SX.sym(f"z{len(self.definitions)}", value.numel())
         self.definitions.append((z, ca.densify(value), inner or Intermediates()))
         return z
 
     def substituted(self, r: ca.SX, weights: Sequence[tuple[ca.SX, ca.SX]] = ()) -> ca.SX:
-        """Return an expression with the values of all intermediates in place of their symbols."""
+        """Substitute the values of all intermediates in an expression."""
         values = [(z, inner.substituted(f)) for z, f, inner in self.definitions]
         pairs = [*values, *weights]
         if not pairs:
@@ -59,7 +60,7 @@ class Intermediates:
         return ca.substitute_inplace(names, values_of, [r], False)[1][0]
 
     def jacobian(self, r: ca.SX, x: ca.SX) -> ca.SX:
-        """Return dr/dx, and as the last column r, (n_r, n_x + 1) as an expression of symbols."""
+        """Return the expression of dr/dx with r as the last column (n_r, n_x + 1)."""
         J = ca.jacobian(r, self._all(x))
         by_x = ca.SX.eye(x.numel())
         for k, (_, f, inner) in enumerate(self.definitions):
@@ -67,7 +68,7 @@ class Intermediates:
         return self.substituted(ca.horzcat(J @ by_x if self.definitions else J, r))
 
     def hessian(self, lam: ca.SX, r: ca.SX, x: ca.SX) -> ca.SX:
-        """Return the Hessian of lam . r in x (n_x, n_x), an expression of x and other symbols."""
+        """Return the expression of the Hessian of lam . r in x (n_x, n_x)."""
         H, gradient = ca.hessian(ca.dot(lam, r), self._all(x))
         weights = []
         for k, (z, f, inner) in reversed(list(enumerate(self.definitions))):
@@ -83,7 +84,7 @@ class Intermediates:
         return self.substituted(H, weights)
 
     def _all(self, x: ca.SX, count: int | None = None) -> ca.SX:
-        """Return x and the symbols of the first `count` intermediates, all by default."""
+        """Return x and the symbols of the first `count` intermediates, by default of all."""
         return ca.vertcat(x, *(z for z, _, _ in self.definitions[:count]))
 
 
@@ -95,17 +96,17 @@ class Kernel:
     parameters : dict of (rows, columns)
         Symbols of the parameters, by name.
     c : (n_c,)
-        All parameters, one after the other and each column by column.
+        All parameters, each column by column.
     slices : dict of slice
-        Places of each parameter in c.
+        Slice of each parameter in c.
     r : (n_r,)
         Residuals as expressions of y and c alone.
     value : casadi.Function
         y, c -> r.
     derivative : callable
-        What -> a function for the nonzeros of a derivative, and the place of each; made once. Of
-        y, c -> dr/dy, and besides its nonzeros r, or dr/dc; y, c, lam -> the Hessian of lam . r in
-        y.
+        Returns the function of a derivative, and rows and columns of its nonzeros; cached.
+        "jacobian": y, c -> nonzeros of dr/dy, r. "parameter_jacobian": y, c -> nonzeros of dr/dc.
+        "hessian": y, c, lam -> nonzeros of the Hessian of lam . r in y.
     """
 
     def __init__(
@@ -136,11 +137,12 @@ class Kernel:
         return Kernel(name, self.y, self.parameters, self._r[rows], self._intermediates)
 
     def with_parameters_as_variables(self) -> Kernel:
-        """Return the same residuals with the parameters among the unknowns, behind the others."""
+        """Return the same residuals with the parameters as unknowns behind y."""
         y = ca.vertcat(self.y, self.c)
         return Kernel(f"{self.name}_of_all", y, {}, self._r, self._intermediates)
 
     def _differentiated(self, what: What) -> tuple[ca.Function, Places, Places]:
+        """Return the function of a derivative, and rows and columns of its nonzeros."""
         lam = ca.SX.sym("lam", self.r.numel())
         also = list[ca.SX]()
         if what == "jacobian":
@@ -152,9 +154,9 @@ class Kernel:
         else:
             A = self._intermediates.hessian(lam, self._r, self.y)
         rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
-        # Skip common-subexpression elimination: it saves 10 % of the operations, but takes as long
-        # as the rest of the build, and evaluations are no faster.
+        # Skip common-subexpression elimination: it saves 10 % of the operations but doubles the
+        # build time, and evaluations are no faster.
         inputs = [self.y, self.c, lam][: 2 + (what == "hessian")]
-        # CasADi returns the nonzeros of a matrix of one row as a row.
+        # CasADi returns the nonzeros of a matrix with one row as a row.
         values = ca.vec(A.nz[:])
         return ca.Function(f"{self.name}_{what}", inputs, [values, *also]), rows, columns

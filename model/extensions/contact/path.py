@@ -77,7 +77,7 @@ class ContactEquilibrium(Equilibrium):
         return cls(
             end.system,
             end.x,
-            near=end.near,
+            linearised_at=end.linearised_at,
             jacobian=end.jacobian,
             history="together",
             snaps=snaps,
@@ -178,7 +178,7 @@ def _complementary(request: Request, near: Equilibrium) -> Equilibrium | None:
     obstacle, by half the arm's radius or more; looked at where they are no farther apart than that.
     """
     to = request.tensions, request.load
-    (there,) = newton(near.system, [Start(*to, near.states)], touching=_active_set)
+    (there,) = newton(near.system, [Start(*to, near.states)], update_contacts=_active_set)
     if there is None or not (close(near, there) and is_stable(there)):
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2

@@ -173,7 +173,9 @@ def _with_places(of: Request, near: Equilibrium, places: Places) -> Equilibrium 
         touches.moves[first, j] = not (place.lies or place.start in of.corners)
     system = touches.on(system)
     states = _initial_states(of, near, system, touches)
-    return newton(system, [Start(of.tensions, of.load, states)], touching=_with_larger_radius)[0]
+    return newton(
+        system, [Start(of.tensions, of.load, states)], update_contacts=_with_larger_radius
+    )[0]
 
 
 def _with_larger_radius(system: DiscreteRod, states: Array) -> DiscreteRod:
