@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.continuation import MAX_TOLERANCE_FACTOR
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
 from octoplan.model.equilibrium.load_changes import with_loads_of
-from octoplan.model.equilibrium.load_steps import MAX_TOLERANCE_FACTOR
 from octoplan.model.equilibrium.newton import STEP_TOL
 from octoplan.model.forward import (
     COARSE,

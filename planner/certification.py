@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.centreline import Centreline
+from octoplan.model.equilibrium.continuation import LEAST_STEP, BranchEnd, continue_branches
 from octoplan.model.equilibrium.integration import SCHEME
-from octoplan.model.equilibrium.load_steps import (
-    LEAST_STEP,
-    BranchEnd,
-    Collocation,
-    continue_branches,
-)
+from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
 from octoplan.model.equilibrium.verification import verify

@@ -1,4 +1,7 @@
-"""The base class of effects: frozen values, each with the rules and hooks of one effect."""
+"""The base class of effects: frozen values, each with the rules and hooks of one effect.
+
+A complete example of a new effect with its rod term is tests/model/test_magnetic_tip.py.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ class EffectSet(Protocol):
         """All effects."""
 
     def find(self, kind: type[E]) -> E | None:
-        """Return the effect of a class; None without one."""
+        """Return the effect of a class; None if the scene has no such effect."""
 
 
 @value
@@ -46,9 +49,9 @@ class Effect:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """The place of the effect. A scene may contain several effects of a kind at other places.
+        """The place of the effect. A scene may contain effects of one kind at different places.
 
-        Effects of kinds without a place may occur once.
+        An effect without a place, (), may occur once.
         """
         return ()
 
@@ -63,7 +66,7 @@ class Effect:
         return ()
 
     def rod_term(self, scene: EffectSet) -> RodTerm | None:
-        """Return the contribution of the effect to the rod of a scene; None if there is none."""
+        """Return the contribution of the effect to the rod of a scene, or None."""
         return None
 
     def comparable(self) -> Effect:
@@ -71,7 +74,7 @@ class Effect:
         return self
 
     def without_force(self) -> Effect | None:
-        """Return the load with no force; None for effects that are no load with a strength."""
+        """Return the load with zero force; None if the effect is not a load with a strength."""
         return None
 
     def check_arm(self, arm: Arm) -> None:

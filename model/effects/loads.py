@@ -34,12 +34,11 @@ _NONE = (0.0, 0.0, 0.0)
 
 @value
 class Weight(Effect):
-    """The arm's own weight, rho A(s) g per unit reference length, with the material's density.
+    """The weight of the arm, rho A(s) g per unit reference length, with the material's density.
 
-    F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion and
-    the moment at the nodes, and couples the cross-sections in one system of equations. Without it
-    the tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in
-    air.
+    F(s) is the weight of the arm beyond s, M' = -u' x F. The effect adds torsion and the moment at
+    the nodes, and couples the cross-sections. An arm without weight differs from table 2 under
+    figure 11(b) by 4 cm at the tip in water, and by half the length of the arm in air.
 
     Attributes
     ----------
@@ -64,15 +63,15 @@ class Weight(Effect):
 
 @value
 class Buoyancy(Effect):
-    """The weight of the fluid that the arm displaces, taken off: (rho - rho_fluid) A(s) g.
+    """The buoyancy of the arm: the weight becomes (rho - rho_fluid) A(s) g.
 
-    Needs Weight, whose g it acts against; adds no state, unknown or time to it. Without it an arm
-    in water hangs like one in air, 13 times too heavy for the silicone of the paper.
+    Needs Weight, and adds no state, unknown or time. The silicone of the paper weighs 13 times more
+    in air than in water.
 
     Attributes
     ----------
     density : float
-        Of the fluid [kg/m3].
+        Density of the fluid [kg/m3].
     """
 
     density: Density = 1000.0
@@ -95,10 +94,10 @@ class Buoyancy(Effect):
 class TipLoad(Effect):
     """A force and a moment on the tip: dead in the base frame, or following the tip.
 
-    F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the tip's (boundary
-    conditions of F' = -f, M' = -u' x F). Adds to the paper's scene torsion and the moment at the
-    nodes, a follower the force there as well. Without it a payload is not felt: 2 mN (0.2 g) move
-    the tips of the paper's figures by 4 to 10 mm.
+    F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the frame of the tip
+    (boundary conditions of F' = -f, M' = -u' x F). The effect adds torsion and the moment at the
+    nodes; a follower also adds the force at the nodes. A payload of 2 mN (0.2 g) moves the tips in
+    the figures of the paper by 4 to 10 mm.
 
     Attributes
     ----------
@@ -128,14 +127,13 @@ class TipLoad(Effect):
 class PointLoad(Effect):
     """A dead force on the midline at arc length s; a scene may have several, at different places.
 
-    The force in the arm jumps there, F(s-) = F(s+) + force, the moment does not. Adds to the
-    paper's scene torsion, the moment at the nodes, and a node at s. Without it what the arm leans
-    on is not felt.
+    The force in the arm jumps, F(s-) = F(s+) + force; the moment is continuous. The effect adds
+    torsion, the moment at the nodes, and a node at s.
 
     Attributes
     ----------
     s : float
-        From the base [m]; has to lie on the arm.
+        Arc length [m] on the arm.
     force : (3,)
         In the base frame [N].
     """
@@ -149,7 +147,7 @@ class PointLoad(Effect):
         return (self.s,)
 
     def check_arm(self, arm: Arm) -> None:
-        """See Effect: the place has to be on the arm."""
+        """See Effect: the place must be on the arm."""
         _check_place("PointLoad.s", self.s, arm)
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
@@ -165,18 +163,18 @@ class PointLoad(Effect):
 class PointMass(Effect):
     """The weight of a mass that a cross-section carries, off the midline; needs Weight.
 
-    The force in the arm jumps by m g there, and the moment by (R o) x m g: o turns with the frame R
-    of the cross-section. What fluid the mass displaces is left out. Adds a node at s to a scene
-    with weight, and off the midline a moment there. Without it what the arm carries is not felt.
+    The force in the arm jumps by m g, and the moment by (R o) x m g: the offset o rotates with the
+    frame R of the cross-section. The buoyancy of the mass is neglected. The effect adds a node at
+    s, and a moment if the mass is off the midline.
 
     Attributes
     ----------
     s : float
-        From the base [m]; has to lie on the arm.
+        Arc length [m] on the arm.
     mass : float
         [kg].
     offset : (3,)
-        From the midline in the local frame (t, n, b) [m]; on it unless given.
+        Offset from the midline in the local frame (t, n, b) [m]. The default is on the midline.
     """
 
     s: ArcLength
@@ -185,7 +183,7 @@ class PointMass(Effect):
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """Its arc length, and its offset."""
+        """The arc length and the offset."""
         return self.s, self.offset or ()
 
     @classmethod
@@ -194,7 +192,7 @@ class PointMass(Effect):
         return (("Weight", "it is a mass that gravity acts on"),)
 
     def check_arm(self, arm: Arm) -> None:
-        """See Effect: the place has to be on the arm."""
+        """See Effect: the place must be on the arm."""
         _check_place("PointMass.s", self.s, arm)
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
@@ -224,7 +222,7 @@ class Current(Effect):
     velocity : (3,)
         Of the stream, in the base frame [m/s].
     density : float
-        Of the fluid [kg/m3].
+        Density of the fluid [kg/m3].
     coefficient : float
         Drag coefficient of a cylinder across the stream, about 1.1 at the Reynolds numbers of an
         arm in water.

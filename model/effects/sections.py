@@ -13,8 +13,8 @@ from octoplan.model.support.value import value
 class Extension(Effect):
     """The arm shortens under its tendons: E A q = t . (-sum T c + F), eqs. (3b) and (9a).
 
-    Adds no state: q follows from the curvatures in one step. Without it q = 0, which moves the tip
-    of the paper's fetches by 65 to 92 mm out of 450.
+    Adds no state: q follows from the curvatures in one step. An inextensible arm (q = 0) differs by
+    65 to 92 mm out of 450 at the tip in the fetches of the paper.
     """
 
 
@@ -27,9 +27,10 @@ class ExactTendons(Effect):
     place of the paper's balance with the reference tangent, eqs. (8) and (9).
 
     Adds no state: without loads the curvatures and q follow from a small convex problem in each
-    cross-section, solved by Newton's method. Without it the moment of a tendon grows less than in
-    proportion as the arm curls up, by the term y^2 T: on the paper's fetches the tip moves by 106
-    and 182 mm out of 450. What it costs: `python -m studies.speed effects`.
+    cross-section, solved by Newton's method. With the reference tangent, the moment of a tendon
+    grows less than in proportion as the arm curls up, by the term y^2 T: the tip differs by 106 and
+    182 mm out of 450 in the fetches of the paper. `python -m studies.speed effects` measures the
+    computing time.
     """
 
 
@@ -41,14 +42,15 @@ class NeoHookean(Effect):
     reference length: EA (lambda^2 + 2/lambda - 3) / 6 + EJ (1 + 2 lambda^-3) / (6 lambda) times the
     curvature squared, plus the sum of ``T |c|`` with the shrunken offsets.
 
-    Adds no state. Without it a soft arm bends too far at high tension: by 5 % of its length at 94
-    degrees, against 0.4 % with it (finite elements).
+    Adds no state. Compared with finite elements, the tip of a soft arm that bends by 94 degrees is
+    off by 0.4 % of its length, and by 5 % with the linear body.
 
     Attributes
     ----------
     anticlastic : bool
-        Whether tendons shift with the section that swells on the inside of a bend: the tangent's
-        part along the arm becomes lambda - lambda^(-1/2) g.Y - lambda^-2 ((g.Y)^2 - (g x Y)^2) / 4
+        Whether the cross-section swells on the inside of a bend and shifts its tendons: the
+        component of the tangent along the arm becomes
+        lambda - lambda^(-1/2) g.Y - lambda^-2 ((g.Y)^2 - (g x Y)^2) / 4
         with g = (kappa_b, -kappa_n) and Y = y d.
     """
 
@@ -67,9 +69,9 @@ class NeoHookean(Effect):
 class Shear(Effect):
     """Sections slide against each other: nu gains (F_n, F_b) / (G A k_s).
 
-    F is the force in the body, tendons included. The two shears are strains of their own; as
-    tendons pull sideways where they converge, the arm may be twisted as well. Without it a short,
-    thick arm is too stiff across: by 3 EJ / (k_s G A L^2) of its deflection, 0.2 % for table 2.
+    F is the force in the body, tendons included. The two shears are additional strains. Converging
+    tendons pull sideways, so that the arm may be twisted as well. Without shear the deflection of a
+    thick arm is too small by the fraction 3 EJ / (k_s G A L^2), 0.2 % for table 2.
 
     Attributes
     ----------

@@ -1,15 +1,14 @@
-"""Elements of an equilibrium, or parts of them, integrated as initial value problems.
+"""Integration of elements of an equilibrium, or of parts of elements, as initial value problems.
 
-From pose and wrench at the node below, where collocation put them, eqs. (1), (3) of pose, moment
-and force are integrated by an explicit Runge-Kutta scheme, and the states of the tendons, if the
-rod terms have some. At each of its stages the strains follow from the wrench there, by the law of
-the cross-section linearised about strains that are known,
+An explicit Runge-Kutta scheme integrates eqs. (1), (3) of pose, moment and force, and the states of
+the tendons, from the values of collocation at the first node of the element. At each stage of the
+scheme the strains follow from the wrench by the law of the cross-section, linearised about given
+strains v_0 with the wrench w_0,
 
     v = v_0 + K (w - w_0),        K the inverse of dw/dv at v_0,
 
-and again about what that gives, until the two differ by so little that its square is rounding.
-
-So poses and strains between the nodes are as accurate as at the nodes.
+and linearised again about the result until the square of the change is rounding. Poses and strains
+between the nodes are therefore as accurate as at the nodes.
 """
 
 from __future__ import annotations
@@ -38,23 +37,26 @@ from octoplan.model.stations import stations
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
 SCHEME = RK8
-# Strains that differ by less, relative to their size and 1, are linearised well enough: what that
-# leaves is its square.
-_LINEAR, _PASSES = 1e-5, 8
+# Largest change of the strains, relative to 1 plus their size, after the last linearisation: the
+# error is its square.
+_LINEAR = 1e-5
+# Largest number of linearisations.
+_PASSES = 8
+# Places of the evaluations in a step, from 0 to 1.
 _SAMPLES = np.array(SCHEME.samples)
 
 
 class Integration:
-    """Parts of elements (P,), each integrated from the node below by so many steps.
+    """Parts of elements (P,), each integrated from the first node of its element.
 
-    What is known beforehand is by step, by node of the scheme and by part: (..., P).
+    Arrays (..., P) are (substeps, nodes of the scheme, P).
 
     Parameters
     ----------
     x : (n_x,)
         Tensions, load factor and states.
     parts : (P,), (P,)
-        Elements, and the shares of them that are integrated; all of each unless given.
+        Elements, and the fraction of each element that is integrated; by default whole elements.
     """
 
     def __init__(
@@ -64,13 +66,13 @@ class Integration:
         substeps: int = 1,
         parts: tuple[Places, Array] | None = None,
     ) -> None:
-        of = system.layout
+        layout = system.layout
         self._system = system
         self._x = x
-        self._states = x[of.n_before_states :]
-        self._structure = of.structure
-        self._load_factor = x[of.n_tendons]
-        self._elements, reach = parts or (np.arange(of.elements), np.ones(of.elements))
+        self._states = x[layout.n_before_states :]
+        self._structure = layout.structure
+        self._load_factor = x[layout.n_tendons]
+        self._elements, reach = parts or (np.arange(layout.elements), np.ones(layout.elements))
         known = _known(system, substeps, *parts) if parts else _whole(system, substeps)
         self._known = known
         self._share = known.share
@@ -85,12 +87,12 @@ class Integration:
 
     def _stage_variables(self) -> Array:
         """Return the stage variables (n, n_variables) of all terms at all places."""
-        of = self._system.layout
+        layout = self._system.layout
         h = self._length[:, 0]
-        strains = self._by_element(of.stages)
+        strains = self._by_element(layout.stages)
         parts = [
             term.interpolated_variables(self._share, strains, self._by_element(places), h)
-            for term, places in zip(self._system.section_terms, of.stage_variables, strict=True)
+            for term, places in zip(self._system.section_terms, layout.stage_variables, strict=True)
         ]
         variables = np.concatenate(parts, axis=-1)
         return variables.reshape(-1, variables.shape[-1])
@@ -102,38 +104,47 @@ class Integration:
         return np.asarray(rows[self._elements])
 
     def _through_stages(self, weights: Array, places: Places) -> Array:
-        """Return the sums (..., P, n) of states at the stages of each part's element by weights."""
+        """Return weighted sums (..., P, n) of the states at the stages of each element."""
         return np.asarray(np.einsum("...pm,pmn->...pn", weights, self._by_element(places)))
 
     def begin(self, before: Array | None = None) -> Array:
-        """Return strains (..., P, n) to begin with.
+        """Return initial strains (..., P, n).
 
-        Where nothing couples the cross-sections what each has by itself: near places where one is
-        all but crushed no polynomial is near enough. Else of the polynomials through the stages of
-        collocation, or through those of one step an element `before` (nodes, P, n).
+        If the cross-sections are not coupled, return the solution of each cross-section: near a
+        crushed cross-section no polynomial is accurate enough. Otherwise interpolate the stages of
+        collocation, or the strains `before` (nodes, P, n) of a single step.
         """
-        of = self._system.layout
+        layout = self._system.layout
         if not self._structure.has_moment:
-            alone = self._sections.unloaded(self._x[None, : of.n_tendons])
+            alone = self._sections.unloaded(self._x[None, : layout.n_tendons])
             return alone.reshape(*self._shape, -1)
         if before is None:
-            return self._through_stages(gauss(self._structure.stages).at(self._share), of.stages)
+            return self._through_stages(
+                gauss(self._structure.stages).at(self._share), layout.stages
+            )
         powers = np.arange(len(before))
         basis = self._share[:, :, :1] ** powers @ np.linalg.inv(_SAMPLES[:, None] ** powers)
         return np.asarray(np.tensordot(basis, before, 1))
 
     def run(self, v: Array, known: Array | None = None) -> tuple[Array, Array]:
-        """Return pose, wrench and turning where the parts end (P, n), and strains (..., P, n).
+        """Return the states at the ends of the parts (P, n), and the strains (..., P, n).
 
-        Begun about strains (..., P, n); NaN where none are found. The last are those at the ends,
-        by pose and wrench that are `known` there (P, n), NaN where they are not.
+        States are pose, wrench and tendon states. The results are NaN without convergence.
+
+        Parameters
+        ----------
+        v : (..., P, n)
+            Strains of the first linearisation.
+        known : (P, n)
+            Pose and wrench at the ends, which replace the integrated values; NaN if unknown.
         """
-        of, states = self._system.layout, self._states
+        layout = self._system.layout
+        states = self._states
         w = POSE + self._structure.n_wrench
         begin = np.hstack(
             [
-                states[of.nodes[self._elements, :w]],
-                states[of.tendon_states[self._elements].reshape(len(self._elements), -1)],
+                states[layout.nodes[self._elements, :w]],
+                states[layout.tendon_states[self._elements].reshape(len(self._elements), -1)],
             ]
         )
         wrenches = slice(POSE, w)
@@ -173,7 +184,8 @@ class Integration:
     def _linearise_tendons(self, flat: Array, tensions: Array, units: Array) -> None:
         """Linearise the rates of the tendon states about strains (n, n_strains).
 
-        By tensions (P,) and wrenches per newton (P, n_strains) of all crossings.
+        `tensions` (P,) and `units` (P, n_strains) are the tensions and the wrenches per newton of
+        all crossings.
         """
         sections = self._sections
         n_tendons = self._system.layout.n_tendons
@@ -217,7 +229,7 @@ class Integration:
         return np.hstack([rates, of_states.reshape(len(y), -1)])
 
     def _tension(self, at: tuple[int, int], y: Array) -> Array:
-        """Return the tensions (P, n_tendons) by the states of the tendons (P, n)."""
+        """Return the tensions (P, n_tendons) for the tendon states (P, n)."""
         n_tendons = self._system.layout.n_tendons
         states = y.reshape(len(y) * n_tendons, -1)
         parameters = self._known.by_tendon[at].reshape(len(states), -1)
@@ -255,7 +267,7 @@ class _Known(NamedTuple):
     tendons : (P, n)
         Tendon parameters of the terms, of the crossings.
     by_tendon : (substeps, nodes, P, n_tendons, n)
-        The same by tendon, 0 beyond its end.
+        Tendon parameters for each tendon; 0 beyond its end.
     """
 
     share: Array
@@ -305,9 +317,9 @@ def _batch(function: ca.Function, structure: RodStructure) -> BatchFunction:
 
 
 def _rates(structure: RodStructure, loads: bool) -> BatchFunction:
-    """Return the equations along s: pose and wrench of a cross-section -> their derivatives, v.
+    """Return the function pose and wrench -> their derivatives along s, and strains.
 
-    Further arguments are v_0, w_0 and K (see above), the dead force beyond, the load factor, the
+    Further arguments are v_0, w_0 and K (see above), the dead resultant, the load factor, the
     uniform and section parameters of the terms, and with `loads` the loads per length of elements
     in the base frame and in the local frame.
     """
@@ -357,8 +369,8 @@ def _rates(structure: RodStructure, loads: bool) -> BatchFunction:
 def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, Array]:
     """Return poses (N, 7), and strains (N, n) on the base side of arc lengths s (N,).
 
-    Poses and wrenches at nodes are those of the states. Strains balance the wrench there by the law
-    of the cross-section.
+    Poses and wrenches at nodes are the node states. Strains balance the wrench by the law of the
+    cross-section.
     """
     mesh = system.mesh
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
@@ -372,42 +384,42 @@ def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, A
 
 
 def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: Places) -> Array:
-    """Return the tensions (P,) of tendons where they cross arc lengths s[place], unknowns x."""
+    """Return the tensions (P,) at P crossings: tendon[i] at the arc length s[place[i]]."""
     T = x[tendon]
-    of = at.layout
-    structure = of.structure
+    layout = at.layout
+    structure = layout.structure
     if not structure.n_tendon_states:
         return np.asarray(T)
     m = structure.stages
     h = np.diff(at.mesh.s)
     points = RodPoints(at.arm, at.sections.stations, at.terms)
-    stage, of_stage = of.crossings
-    values = tendon_values(points, stage, of_stage)
+    stage, tendon_of_stage = layout.crossings
+    values = tendon_values(points, stage, tendon_of_stage)
     parameters = structure.stacked("tendon", values, stage.size)
     inside = np.hstack(
         [
-            x[of.n_before_states + of.stages],
-            *(x[of.n_before_states + v] for v in of.stage_variables),
+            x[layout.n_before_states + layout.stages],
+            *(x[layout.n_before_states + v] for v in layout.stage_variables),
         ]
     )
     function = cached(state_rate_function, structure)
     rows = _batch(function, structure)(inside[stage], at.sections.paths.T, parameters)[0]
     K = structure.n_tendon_states
-    at_stages = np.zeros((of.elements * m, of.n_tendons, K))
-    at_stages[stage, of_stage] = rows[:, :K]
-    rates = at_stages.reshape(of.elements, m, of.n_tendons, K)
+    at_stages = np.zeros((layout.elements * m, layout.n_tendons, K))
+    at_stages[stage, tendon_of_stage] = rows[:, :K]
+    rates = at_stages.reshape(layout.elements, m, layout.n_tendons, K)
     element_of_s = np.clip(np.searchsorted(at.mesh.s, s) - 1, 0, at.mesh.steps - 1)
     element = element_of_s[place]
     share = (s[place] - at.mesh.s[element]) / h[element]
     powers = np.arange(1, m + 1)
     weights = h[element, None] * (share[:, None] ** powers / powers @ gauss(m).powers)
     grown = np.einsum("pm,pmk->pk", weights, rates[element, :, tendon])
-    states = x[of.n_before_states + of.tendon_states[element, tendon]] + grown
+    states = x[layout.n_before_states + layout.tendon_states[element, tendon]] + grown
     there = stations(at.arm, s, at.mesh.active[element_of_s])
     values = tendon_values(RodPoints(at.arm, there, at.terms), place, tendon)
     ratio = _batch(cached(tension_ratio_function, structure), structure)(
         states,
-        np.full((len(states), 1), x[of.n_tendons]),
+        np.full((len(states), 1), x[layout.n_tendons]),
         structure.stacked("tendon", values, tendon.size),
     )[0]
     return np.asarray(T * ratio[:, 0])

@@ -1,9 +1,9 @@
-"""An arm in equilibrium on one mesh, as a value: what a settled shape holds and reads.
+"""The equilibrium of an arm on one mesh, as a value: equations linearised at the solution.
 
-By collocation it is the equations linearised at their solution; or the arm is marched where nothing
-couples its cross-sections. One factorisation serves Newton's steps, and by the implicit function
-theorem all derivatives of the equilibrium. The states stand in the order of the arm, so the matrix
-is a narrow band.
+One factorisation serves the steps of Newton's method, and by the implicit function theorem all
+derivatives of the equilibrium. States are ordered along the arm, so that the matrix is a narrow
+band. `AnyEquilibrium` includes the explicit solution of an arm whose cross-sections are not
+coupled.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from octoplan.model.support.errors import CollapsedError, SingularError, Unsettl
 from octoplan.model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
-# The order in which loads and tensions acted. "near": tensions changed from those of another shape;
-# "together": both grew in proportion, as in scenes with contact.
+# The order in which loads and tensions acted. "near": both changed from the values of another
+# shape; "together": both grew in proportion, as in scenes with contact.
 History = Literal["loads first", "tensions first", "near", "together"]
-# Change of curvature times radius, or of stretch, from one stage to the next that is a jump.
+# Smallest change of curvature times radius, or of stretch, between two stages that is a jump.
 JUMP = 0.3
-# Stages count as neighbours of a jump if they are this near to each other, over the body's radius:
-# a rod has no features of that size.
+# Largest distance of two stages at a jump, relative to the radius of the body: a rod has no
+# features of this size.
 JUMP_WIDTH = 0.25
 
 
@@ -49,11 +49,12 @@ class Equilibrium:
     x : (n_x,)
         Tensions, load factor and states.
     linearised_at : Equilibrium
-        The equations linearised so near that their Jacobian and its factors are as good.
+        Equations linearised nearby, whose Jacobian and factors are used, or None.
     jacobian : (nnz,)
-        The nonzeros, where they are known, or not those of the system: of a body that resists more.
+        Known nonzeros of the Jacobian, or of another Jacobian, such as that of a
+        stiffer body.
     history : History
-        How the arm came to the equilibrium.
+        The order in which loads and tensions acted.
     """
 
     system: DiscreteRod
@@ -88,7 +89,7 @@ class Equilibrium:
 
     @cached_property
     def factor(self) -> tuple[Array, Array] | None:
-        """The LU factors of the Jacobian against the states; None where it is singular."""
+        """The LU factors of the Jacobian by the states; None if singular."""
         if self.linearised_at:
             return self.linearised_at.factor
         at = self.system.layout.band
@@ -99,9 +100,10 @@ class Equilibrium:
         return None if info != 0 or not np.all(np.isfinite(factors)) else (factors, pivots)
 
     def solve(self, right: Array, transposed: bool = False) -> Array:
-        """Return the changes of the states (n_states, ...) by right-hand sides.
+        """Return the changes of the states (n_states, ...) for right-hand sides (n_states, ...).
 
-        With `transposed` the multipliers of right-hand sides in the states. Raises SingularError.
+        With `transposed`, solve with the transposed Jacobian. Raise SingularError if the Jacobian
+        is singular.
         """
         if self.factor is None:
             raise SingularError("the equations of equilibrium are singular: the arm buckles")
@@ -121,9 +123,10 @@ class Equilibrium:
         return self.by_unknowns(0, self.system.layout.n_tendons)
 
     def by_unknowns(self, first: int, last: int) -> Array:
-        """Return the derivatives of the states (n_states, n) by tensions and load factor.
+        """Return the derivatives of the states (n_states, last - first) by some unknowns.
 
-        By those from `first` on, up to `last`. Raises SingularError.
+        The unknowns `first` to `last` - 1 are tensions and the load factor. Raise SingularError if
+        the Jacobian is singular.
         """
         at, right = self.system.layout.band, np.zeros((self.system.layout.n_states, last - first))
         inside = (at.columns >= first) & (at.columns < last)
@@ -131,7 +134,7 @@ class Equilibrium:
         return -self.solve(right)
 
     def relinearised(self) -> Equilibrium:
-        """Return the equilibrium with derivatives at its own states, not at those nearby."""
+        """Return the equilibrium with derivatives at the own states, not at nearby states."""
         if self.linearised_at is None:
             return self
         return Equilibrium(self.system, self.x, history=self.history)
@@ -139,8 +142,8 @@ class Equilibrium:
     def by_direction(self, direction: Array) -> Array:
         """Return the derivative of the states (n_states,) along a line.
 
-        `direction` (n_tendons + 1,) are changes of tensions [N] and load factor. Raises
-        SingularError.
+        `direction` (n_tendons + 1,) are changes of tensions [N] and load factor. Raise
+        SingularError if the Jacobian is singular.
         """
         at, right = self.system.layout.band, np.zeros(self.system.layout.n_states)
         inside = at.columns < self.system.layout.n_before_states
@@ -154,7 +157,7 @@ class Equilibrium:
 
     @property
     def length_tension(self) -> Array:
-        """Their derivatives by the tensions (n_tendons, n_tendons) [m/N]."""
+        """The derivatives of the lengths by the tensions (n_tendons, n_tendons) [m/N]."""
         return np.asarray(self.system.length_jacobian(self.x) @ self.by_tensions)
 
     @property
@@ -169,7 +172,7 @@ class Equilibrium:
 
     @cached_property
     def extremes(self) -> Extremes:
-        """Least stretch, of stages and of ends of elements, and largest curvature, of stages."""
+        """Least stretch at stages and ends of elements, and largest curvature at stages."""
         of, at, s = self.system.layout, self.system.sections, self.system.mesh.s
         _, xi, k, q = reported(of.structure.law, self.states[of.stages])[:, :4].T
         ends = gauss(of.structure.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
@@ -178,10 +181,10 @@ class Equilibrium:
 
     @cached_property
     def jump(self) -> float | None:
-        """The place inside an element where the strains jump most [m], None if they are smooth.
+        """The place of the largest jump of the strains inside an element [m]; None without a jump.
 
-        A tendon that a section bends around has two equilibria there, and the arm may change from
-        one to the other. No mesh has a node at such a place, so that errors fall by order one.
+        A cross-section may have two equilibria if it bends around a tendon, and the arm may change
+        from one to the other. No mesh has a node at such a place, so that errors fall by order one.
         """
         of, at = self.system.layout, self.system.sections
         _, xi, k, q = reported(of.structure.law, self.states[of.stages])[:, :4].T
@@ -195,7 +198,7 @@ class Equilibrium:
 
     @property
     def snaps(self) -> tuple[float, ...]:
-        """The load factors at which the arm jumped on its way; none without contact."""
+        """The load factors at which the arm jumped; () without contact."""
         return ()
 
     @property
@@ -205,13 +208,13 @@ class Equilibrium:
 
     @property
     def machine_code(self) -> bool:
-        """Whether compiled kernels solve it."""
+        """Whether the kernels are compiled."""
         return self.system.layout.structure.machine_code
 
     def at(self, s: Array) -> tuple[Array, Array]:
-        """Return poses (K, 7) and strains at arc lengths s (K,) [m], on their base side.
+        """Return poses (K, 7) and strains on the base side of arc lengths s (K,) [m].
 
-        Strains (K, 4) are tau, xi, k, q; with nu_n, nu_b (K, 6) where sections may shear.
+        Strains are tau, xi, k, q (K, 4), and with shear also nu_n, nu_b (K, 6).
         """
         poses, v = poses_and_strains(self.system, self.x, s)
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
@@ -223,15 +226,18 @@ class Equilibrium:
 def linearised(
     system: DiscreteRod, x: Array, near: Sequence[Equilibrium | None]
 ) -> tuple[list[Equilibrium], Array]:
-    """Return equations linearised at points (M, n_x), by themselves or near others.
+    """Return the equations linearised at points x (M, n_x), and their residuals (M, n_states).
 
-    And their residuals there (M, n_states).
+    Points with an entry of `near` use the Jacobian and the factors of this entry.
     """
-    n, alone = system.layout.n_states, np.array([each is None for each in near], dtype=bool)
-    jacobians, residuals = iter(np.zeros((0, 0))), np.empty((len(x), n))
+    n = system.layout.n_states
+    alone = np.array([each is None for each in near], dtype=bool)
+    jacobians = iter(np.zeros((0, 0)))
+    residuals = np.empty((len(x), n))
     if alone.any():
         whole = system.layout.equations.jacobian(x[alone], system.p)
-        jacobians, residuals[alone] = iter(whole[:, :-n]), whole[:, -n:]
+        jacobians = iter(whole[:, :-n])
+        residuals[alone] = whole[:, -n:]
     if not alone.all():
         residuals[~alone] = system.residual(x[~alone])
     points = [
@@ -245,9 +251,9 @@ AnyEquilibrium = Equilibrium | Marched
 
 
 def check_stretch(at: AnyEquilibrium) -> None:
-    """Refuse an equilibrium where a section has none, or where 1 + q comes down to nothing.
+    """Raise an error if the least stretch is undefined or too small.
 
-    Raises UnsettledSectionError, and CollapsedError.
+    UnsettledSectionError if a cross-section has no equilibrium; CollapsedError if 1 + q reaches 0.
     """
     s, stretch, *_ = at.extremes
     if math.isnan(stretch):

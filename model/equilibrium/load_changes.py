@@ -1,6 +1,6 @@
-"""Loads that change on an arm in equilibrium, such as a payload that a bent arm picks up.
+"""Change of the loads of an arm in equilibrium, such as a payload that a bent arm picks up.
 
-The numbers of the equations change in a straight line from one loading to the other.
+The parameters of the equations change along a straight line from the old loads to the new loads.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.progress import check_time
 
-# Smallest change of the loads in one step, over the whole change.
+# Smallest step of the loads, as a fraction of the whole change.
 _LEAST_STEP = 1 / 1024
 
 
 def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
-    """Return a scene with the loads of another one, as far as they are of the same kinds.
+    """Return a scene with the load values of another scene.
 
-    Loads that the other scene lacks are 0 in the result, so that both scenes have equations of one
-    structure. Return None if the scenes differ in more, or if the other one has further loads.
+    Loads that the other scene lacks are 0 in the result, so that the equations of both scenes have
+    one structure. Return None if other effects differ, or if the other scene has further loads.
     """
     known = {(type(each), each.place): each for each in other.effects}
     effects = list[Effect]()
@@ -41,22 +41,22 @@ def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
 
 
 def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equilibrium | None:
-    """Return the equilibrium under the loads of a system, on the branch of one under other loads.
+    """Return the equilibrium under the loads of a system, on the branch of an equilibrium.
 
     Parameters
     ----------
     system : DiscreteRod
         The equations with the new loads.
     begin : Equilibrium
-        The equilibrium under the old loads, whose tensions stay.
+        The equilibrium under the old loads; tensions are constant.
     strains : (N stages, strains)
-        Its strains at the stages of the system.
+        The strains of `begin` at the stages of the system.
 
     Returns
     -------
     Equilibrium or None
-        None if the arm snaps, folds or buckles on the way, or if the scenes differ in more than
-        their loads.
+        None if the branch ends because the arm snaps, folds or buckles, or if the scenes differ in
+        more than the loads.
     """
     scene = with_loads_of(system.scene, begin.system.scene)
     if scene is None:

@@ -23,7 +23,7 @@ from octoplan.model.support.progress import check_time
 STAGES = 3
 # Largest number of steps.
 MAX_STEPS = 14
-# The same in contact: a step may change which nodes touch, and which of them stick or slip.
+# The same in contact: a step may change which nodes touch, and which nodes stick or slip.
 MAX_STEPS_IN_CONTACT = 30
 # Size of the last step if the Jacobian is evaluated at each iterate: the next step would be about
 # the square of this size.
@@ -32,7 +32,7 @@ STEP_TOL = 1e-10
 CHORD_STEP_TOL = 1e-13
 # Largest ratio of a step to the last step that counts as contraction.
 CONTRACTION = 0.5
-# Size below which a step counts as safe without contraction, because rounding may dominate it.
+# Size below which a step counts as safe without contraction, because rounding may dominate.
 SAFE_STEP = 1e-3
 # Largest rotation of a frame from one equilibrium to the next on a branch [rad]; a tangent is
 # trusted up to the same rotation.
@@ -60,8 +60,8 @@ class Start(NamedTuple):
     linearised_at : Equilibrium
         Linearised equations nearby, whose factorisation is used first.
     tolerance_factor : float
-        Factor of the tolerances of the last step. The distance within which the linearised
-        equations are shared scales with its square root.
+        Factor of the tolerances of the last step. The distance within which linearised equations
+        are shared is proportional to the square root of the factor.
     history : History
         Order of loads and tensions; copied to the equilibrium.
     """
@@ -92,7 +92,7 @@ def newton(
     max_rotation : float
         Largest change of a quaternion in one step.
     update_contacts : callable
-        Equations and states -> the equations with the contacts of these states; for one start.
+        Equations and states -> the equations with the contacts at the states; for one start.
     """
     n_before = system.layout.n_before_states
     is_nonsmooth = any(term.is_nonsmooth for term in system.terms)
@@ -161,7 +161,7 @@ class _Iteration:
     def begin(
         system: DiscreteRod, start: Start, max_rotation: float, is_nonsmooth: bool
     ) -> _Iteration:
-        """Return the iteration at its initial guess."""
+        """Return the iteration at the initial guess."""
         x = system.x(start.tensions, start.load, start.states)
         point = start.linearised_at
         origin = point and (point.linearised_at or point)
@@ -206,7 +206,7 @@ class _Iteration:
     def _equilibrium(self, system: DiscreteRod) -> Equilibrium:
         """Return the equilibrium at the current iterate.
 
-        It shares linearised equations that are so near that their derivatives agree with its own.
+        Linearised equations are shared if the distance does not change the derivatives.
         """
         limit = math.sqrt(STEP_TOL * self.start.tolerance_factor)
         shares = self.path < limit and not self.is_nonsmooth

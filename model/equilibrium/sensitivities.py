@@ -1,11 +1,11 @@
-"""How an equilibrium answers to forces on its midline, to its tendons, and to its own numbers.
+"""Sensitivities of an equilibrium to forces on the midline, to tensions and to parameters.
 
-By the implicit function theorem through the equations of equilibrium g(x, p) = 0: one
-factorisation, and a right-hand side for each component of a force and a moment, for each tension,
-and for each number theta of arm and scene, dx = - (dg/dx)^-1 dg/dp dp/dtheta.
+The implicit function theorem, applied to the equilibrium g(x, p) = 0, needs one factorisation and a
+right-hand side for each component of a force and a moment, for each tension, and for each parameter
+theta of arm and scene: dx = - (dg/dx)^-1 dg/dp dp/dtheta.
 
-The numbers p are cheap to put together, nothing is settled for them, and they are smooth in theta:
-differences of arms and scenes a little to both sides are good to nine digits or more.
+dp/dtheta is a central difference. The parameters p are smooth in theta and need no equilibrium, so
+that the difference has nine digits or more.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from octoplan.model.rotations import matrices
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities:
-    """The derivatives of an equilibrium's pose at a node and of its tendons' lengths.
+    """Derivatives of the pose of a node and of the lengths of the tendons.
 
     Attributes
     ----------
     point : Equilibrium
         The equilibrium.
     node : int
-        The node that is pushed and watched.
+        The node at which the wrench acts and the pose is measured.
     """
 
     point: Equilibrium
@@ -40,6 +40,7 @@ class Sensitivities:
 
     @cached_property
     def _by_wrench(self) -> Array:
+        """The derivatives of the states (n_states, 6) by force and moment."""
         return -self.point.solve(self.point.system.by_wrench(self.point.x, self.node))
 
     @property
@@ -49,7 +50,7 @@ class Sensitivities:
 
     @property
     def pose_tension(self) -> Array:
-        """The same per newton in each tendon at its motor (6, n_tendons)."""
+        """Displacement and rotation (6, n_tendons) per newton in each tendon at its motor."""
         return self._pose(self.point.by_tensions)
 
     @property
@@ -69,56 +70,59 @@ class Sensitivities:
 
     @property
     def stable(self) -> bool:
-        """Whether the equilibrium stands, tensions held."""
+        """Whether the equilibrium is stable at constant tensions."""
         return is_stable(self.point)
 
     def _pose(self, change: Array) -> Array:
-        """Return displacement and rotation (6, n) of the node that changes of the states are."""
-        of = self.point.system.layout
-        places = of.nodes[self.node]
+        """Return displacement and rotation (6, n) of the node for changes of the states."""
+        places = self.point.system.layout.nodes[self.node]
         q = self.point.states[places[:4]]
-        return np.vstack(
-            [change[places[4:7]], 4 * rotation_basis(q[None, :])[0].T @ change[places[:4]]]
-        )
+        rotation = 4 * rotation_basis(q[None, :])[0].T @ change[places[:4]]
+        return np.vstack([change[places[4:7]], rotation])
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterSensitivities:
-    """The derivatives of an equilibrium by K numbers of arm and scene.
+    """Derivatives of an equilibrium by K parameters theta of arm and scene.
 
     Attributes
     ----------
     point : Equilibrium
         The equilibrium.
-    numbers, length_numbers : (n_p, K), (n, K)
-        Of the numbers of its equations, and of those of the tendons' lengths.
+    parameters : (n_p, K)
+        Derivatives of the parameters p of the equations.
+    length_parameters : (n, K)
+        Derivatives of the parameters of the tendon lengths.
     tensions : (n_tendons, K)
-        Of its tensions [N].
+        Derivatives of the tensions [N].
     """
 
     point: Equilibrium
-    numbers: Array
-    length_numbers: Array
+    parameters: Array
+    length_parameters: Array
     tensions: Array
 
     @cached_property
     def states(self) -> Array:
-        """Of the states (n_states, K)."""
-        at = self.point.system
-        right = at.layout.equations.along_parameters(self.point.x, at.p, self.numbers)
+        """Derivatives of the states (n_states, K)."""
+        system = self.point.system
+        equations = system.layout.equations
+        right = equations.along_parameters(self.point.x, system.p, self.parameters)
         result = -self.point.solve(np.asfortranarray(right))
         return result + self.point.by_tensions @ self.tensions if self.tensions.any() else result
 
     @property
     def lengths(self) -> Array:
-        """Of the lengths of the tendons (n_tendons, K) [m]."""
-        at, x = self.point.system, self.point.x
-        direct = at.layout.lengths.along_parameters(x, at.length_p, self.length_numbers)
-        return np.asarray(at.length_jacobian(x) @ self.states + direct)
+        """Derivatives of the lengths of the tendons (n_tendons, K) [m]."""
+        system = self.point.system
+        x = self.point.x
+        lengths = system.layout.lengths
+        direct = lengths.along_parameters(x, system.length_p, self.length_parameters)
+        return np.asarray(system.length_jacobian(x) @ self.states + direct)
 
 
 def along(point: Equilibrium, nodes: Index) -> Array:
-    """Return how poses change along the arm at nodes (n, 7), per m of arc length."""
+    """Return the derivatives of the poses by arc length at nodes (n, 7) [1/m]."""
     system = point.system
     poses, v = poses_and_strains(system, point.x, system.mesh.s[nodes])
     kappa, nu = kinematics(system.layout.structure.law, v)

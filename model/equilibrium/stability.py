@@ -34,7 +34,7 @@ from octoplan.model.support.errors import SingularError
 _VECTORS = 40
 # Number of restarts of Arnoldi's method.
 _RESTARTS = 10
-# Tolerance of an eigenvalue without its mode: the error is its square if the Hessian is symmetric.
+# Tolerance of an eigenvalue without a mode: the error is squared if the Hessian is symmetric.
 _VALUE_TOL = 1e-8
 # Tolerance of an eigenvalue of which only the sign is used.
 _SIGN_TOL = 1e-2
@@ -42,12 +42,12 @@ _SIGN_TOL = 1e-2
 _SIGN_MARGIN = 1e-4
 # Reciprocals below this, relative to the largest one, are rounding, or 0 of contacts.
 _RECIPROCAL_ROUNDING = 1e-12
-# Number of further eigenvalues that are computed if they may be complex: the eigenvalue nearest to
+# Number of further eigenvalues if eigenvalues may be complex: the eigenvalue nearest to
 # the shift need not have the least real part.
 _FURTHER = 8
 # Imaginary parts up to this, relative to the eigenvalue, are rounding.
 _REAL_TOL = 1e-9
-# Lowest shift; eigenvalues below it are not computed.
+# Lowest shift; lower eigenvalues are not computed.
 _LOWEST_SHIFT = -1e6
 
 
@@ -234,7 +234,7 @@ def _spread(point: Equilibrium, bends: Array, transposed: bool = False) -> Array
 def unstable_mode(point: Equilibrium) -> Array | None:
     """Return the strains (N stages, strains) of the least stable mode, with rotations up to 1 rad.
 
-    Return None if the equilibrium is stable at constant contacts, or if its equations are singular.
+    Return None if the equilibrium is stable at constant contacts, or if the equations are singular.
     """
     if point.factor is None:
         return None

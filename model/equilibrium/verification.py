@@ -1,11 +1,11 @@
-"""An equilibrium verified by initial value integration, element by element, from its own wrenches.
+"""Verification of an equilibrium by initial value integration of each element.
 
-What an integrator finds at the far node of each element (octoplan.model.equilibrium.integration)
-differs from what collocation put there; the equilibrium that the integrator would have is, to first
-order in that, one Newton step away, by the factorisation of the equilibrium.
+The integrator (octoplan.model.equilibrium.integration) starts from the state of the first node of
+an element and differs from collocation at the last node. These defects are converted to an error of
+the tip to first order: one Newton step with the factorisation of the equilibrium.
 
-Shared with the solver are the mechanics of a cross-section, tensions, loads and the factorisation
-that turns defects into an error of the tip; not shared are the kernels and the order of the scheme.
+The solver and this check share the mechanics of a cross-section, tensions, loads and the
+factorisation. They do not share the kernels and the order of the scheme.
 """
 
 from __future__ import annotations
@@ -20,21 +20,25 @@ from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import ConvergenceError
 from octoplan.model.support.progress import check_time
 
+# Numbers of steps per element that are tried in turn.
 SUBSTEPS = (1, 2, 4, 8, 16)
 
 
 def verify(point: Equilibrium, accuracy: float) -> tuple[Equilibrium, float]:
-    """Return an equilibrium corrected by what an integrator says of it, and its estimated error.
+    """Return an equilibrium corrected by the defects of an integrator, and its estimated error.
 
-    Steps are halved until the corrections of two of them differ by less than an accuracy, over the
-    arm's length as the error is. Raises ConvergenceError where they do not.
+    Steps are halved until the corrected poses of two step lengths differ by less than `accuracy`,
+    relative to the length of the arm. Raise ConvergenceError if the finest steps differ by more.
     """
-    system, before, error = point.system, None, np.inf
+    system = point.system
+    before = None
+    error = np.inf
     strains: Array | None = None
     scale = np.repeat([1.0, system.arm.length], [4, 3])
     for substeps in SUBSTEPS:
         check_time()
-        x, elements = point.x.copy(), Integration(system, point.x, substeps)
+        x = point.x.copy()
+        elements = Integration(system, point.x, substeps)
         y, first = elements.run(elements.begin(strains))
         strains = first[0] if strains is None else strains
         x[system.layout.n_before_states :] -= point.solve(_defects(point, y))
@@ -48,25 +52,35 @@ def verify(point: Equilibrium, accuracy: float) -> tuple[Equilibrium, float]:
 
 
 def _defects(point: Equilibrium, y: Array) -> Array:
-    """Return by how much nodes miss what the integrator finds there, y (N, n); (n_states,)."""
-    of, states = point.system.layout, point.states
-    missed = np.zeros(of.n_states)
-    there, w = of.nodes[1:], of.structure.n_wrench
-    missed[there[:, :POSE]] = states[there[:, :POSE]] - y[:, :POSE]
+    """Return the defects (n_states,) of an equilibrium at the results y (N, n) of an integrator.
+
+    The defect of a pose is the state minus the result at the last node of each element.
+    """
+    layout = point.system.layout
+    states = point.states
+    w = layout.structure.n_wrench
+    poses = layout.nodes[1:, :POSE]
+    wrenches = layout.nodes[1:, POSE : POSE + w]
+    defects = np.zeros(layout.n_states)
+    defects[poses] = states[poses] - y[:, :POSE]
     if not w:
-        return missed
-    wrenches = np.zeros(of.n_states)
-    wrenches[there[:, POSE : POSE + w]] = y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
-    # What an element makes of another wrench beyond it; a node's own wrench is left out.
-    at, inside = of.band, of.band.inside
-    products = point.nonzeros[inside] * wrenches[at.columns[inside] - of.n_before_states]
-    left = wrenches - np.bincount(at.rows[inside], products, of.n_states)
-    stages = of.inside.ravel()
-    missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]
-    missed[stages] = left[stages]
-    if of.structure.n_tendon_states:
-        reached = y[:, POSE + w :].reshape(of.elements, of.n_tendons, -1)
-        if of.kinks[0].size:
-            reached[of.kinks] -= point.system.rows_of("tendon_jump", point.x)
-        missed[of.tendon_states[1:]] = states[of.tendon_states[1:]] - reached
-    return missed
+        return defects
+    change = np.zeros(layout.n_states)
+    change[wrenches] = y[:, POSE : POSE + w] - states[wrenches]
+    # The balance of an element changes with the wrench at the last node. The share of this change
+    # in the balance of the node itself is left out.
+    band = layout.band
+    columns = band.columns[band.inside] - layout.n_before_states
+    products = point.nonzeros[band.inside] * change[columns]
+    balance = change - np.bincount(band.rows[band.inside], products, layout.n_states)
+    stages = layout.inside.ravel()
+    all_wrenches = layout.nodes[:, POSE : POSE + w]
+    defects[all_wrenches] = balance[all_wrenches]
+    defects[stages] = balance[stages]
+    if layout.structure.n_tendon_states:
+        reached = y[:, POSE + w :].reshape(layout.elements, layout.n_tendons, -1)
+        if layout.kinks[0].size:
+            reached[layout.kinks] -= point.system.rows_of("tendon_jump", point.x)
+        tendon_states = layout.tendon_states[1:]
+        defects[tendon_states] = states[tendon_states] - reached
+    return defects

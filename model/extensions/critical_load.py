@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.continuation import BranchEnd, continue_branches
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import BranchEnd, continue_branches
 from octoplan.model.forward import ORDER, checked_accuracy, collocation_map, first_pair, refined
 from octoplan.model.loads import convergence_order, is_loaded
 from octoplan.model.scene import Scene

@@ -1,8 +1,8 @@
 """Gauss collocation: tableaus, and the rotation across a part of an element.
 
 The curvature kappa(x) is the polynomial through the stages, x = (s - s_k) / h in [0, 1]. The
-rotation is the exponential of a truncated Magnus expansion; the frame turns in itself,
-R' = R kappa, so brackets are those of the textbook's Y' = A Y with the sign changed.
+rotation is the exponential of a truncated Magnus expansion. Because R' = R kappa multiplies kappa
+on the right, brackets have the opposite sign of the brackets for Y' = A Y in textbooks.
 Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration" (2006), II.1.3 (Gauss methods);
 Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications", Physics Reports 470
 (2009), section 5 (sixth order from three Gauss nodes).
@@ -41,7 +41,7 @@ class Tableau:
     powers: Array
 
     def at(self, x: Array | float) -> Array:
-        """Return the weights (..., m) of the stages' values at x (...) on [0, 1], by Lagrange."""
+        """Return the Lagrange weights (..., m) of stage values, at x (...) on [0, 1]."""
         return np.asarray(np.asarray(x)[..., None] ** np.arange(self.c.size) @ self.powers)
 
 
@@ -49,32 +49,34 @@ class Tableau:
 def gauss(m: int) -> Tableau:
     """Return the Gauss method of m stages."""
     nodes, weights = np.polynomial.legendre.leggauss(m)
-    c, b, p = (nodes + 1) / 2, weights / 2, np.arange(m)
+    c = (nodes + 1) / 2
+    b = weights / 2
+    p = np.arange(m)
     powers = np.linalg.inv(np.vander(c, m, increasing=True))
     a = c[:, None] ** (p + 1) / (p + 1) @ powers
     return Tableau(c, b, a, np.asarray(powers, dtype=float))
 
 
 def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> list[ca.SX]:
-    """Return the rotation vectors (3,) from an element's first node to each stage, and to its last.
+    """Return the rotation vectors (3,) from the first node of an element to each stage and its end.
 
-    To the stages the integral and its first bracket (the polynomial's coefficients k_p),
+    For the stages, the integral and its first brackets, with the coefficients k_p of kappa(x),
 
         h sum_j a_ij kappa_j + h^2 sum_{p<q} c_i^(p+q+2) (p-q) / (2 (p+1)(q+1)(p+q+2)) [k_p, k_q],
 
-    and from three stages on all else of the fifth order in h, which keeps the order of the nodes:
+    and for three stages all other terms of fifth order in h, which keep the order at the nodes:
 
         c_i^5 (h^3 [k_0, [k_0, k_2]] / 360 - h^3 [k_1, [k_0, k_1]] / 240
                + h^4 [k_0, [k_0, [k_0, k_1]]] / 720);
 
-    to the last node the expansion of order 2 m. Four stages take the expansion's power series, of
-    order 8, to all. What it takes on the way is named.
+    For the last node, the expansion of order 2 m. With four stages, all rotations use the power
+    series of the expansion, of order 8. `name` defines intermediates.
     """
     m = len(kappa)
     method = gauss(m)
 
     def bracket(a: ca.SX, b: ca.SX) -> ca.SX:
-        # That of rotations of a frame that turns in itself.
+        # The bracket for R' = R kappa.
         return name(ca.cross(b, a))
 
     k = [name(weighted_sum(method.powers[p], kappa)) for p in range(m)]
@@ -84,7 +86,8 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
         return [weighted_sum(x ** np.arange(1, 2 * m + 1), omega) for x in at]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
     brackets = {(p, q): bracket(k[p], k[q]) for p, q in pairs}
-    results, fifth = [], name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)
+    fifth = name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)
+    results = []
     for c, row in zip(method.c, method.a, strict=True):
         turn = h * weighted_sum(row, kappa)
         for (p, q), single in brackets.items():
@@ -97,7 +100,7 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
 def _fifth(
     k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX, bracket: Bracket
 ) -> ca.SX:
-    """Return the terms of the fifth order in h that are no single bracket, at x = 1."""
+    """Return the terms of fifth order in h with nested brackets, at x = 1."""
     twice = bracket(k[0], brackets[0, 1])
     third = (1 / 360) * bracket(k[0], brackets[0, 2]) - (1 / 240) * bracket(k[1], brackets[0, 1])
     fifth: ca.SX = h**3 * (third + h * (1 / 720) * bracket(k[0], twice))
@@ -105,7 +108,7 @@ def _fifth(
 
 
 def weighted_sum(weights: Array, values: list[ca.SX]) -> ca.SX:
-    """Return the sum of values by weights."""
+    """Return the weighted sum of values."""
     total = ca.SX.zeros(values[0].numel())
     for weight, value in zip(weights.tolist(), values, strict=True):
         total += weight * value

@@ -1,6 +1,6 @@
-"""The equilibrium of one arm in one scene on one mesh: its equations and their parameters.
+"""The equations of equilibrium of an arm in a scene on a mesh, with their parameters.
 
-States S are an arm's unknowns except tensions and load factor; see octoplan.model.rod.layout.
+The states S are all unknowns except tensions and load factor; see octoplan.model.rod.layout.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ class DiscreteRod:
     s : (N stages,)
         Arc lengths of the stages [m].
     sections : Sections
-        The cross-sections there; tendons cross them in the order of the layout's crossings.
+        The cross-sections at the stages; crossings of tendons have the order of the layout.
     terms : tuple of RodTerm
-        The terms of the rod, with their numbers.
+        The terms of the rod, with their parameter values.
     node_terms : list of list of RodTerm
         The terms of each node group of the layout.
     units : (strains,)
-        Sizes of strains below which these are small: 1 / L of curvatures [1/m], 1 of others.
+        Units of the strains: 1 / L of curvatures [1/m], 1 of others.
     """
 
     def __init__(
@@ -85,8 +85,8 @@ class DiscreteRod:
             term_structures=tuple(TermStructure(term) for term in section_terms(self.terms)),
             machine_code=machine_code,
         )
-        at = [mesh.node(section.at) for section in arm.sections]
-        ends = tuple(at[i] for i, _ in arm.tendons)
+        anchorages = [mesh.node(section.at) for section in arm.sections]
+        ends = tuple(anchorages[i] for i, _ in arm.tendons)
         groups, self.node_terms = group_node_terms(self.terms, mesh)
         self.layout = layout(structure, ends, mesh.steps, groups)
         self.s, weights, active = mesh.points(stages)
@@ -117,9 +117,9 @@ class DiscreteRod:
         arm: Arm | None = None,
         terms: tuple[RodTerm, ...] | None = None,
     ) -> DiscreteRod:
-        """Return the equations on another mesh with the same stages, of another scene or arm.
+        """Return the equations on another mesh, by default of the same scene and arm.
 
-        `terms` are those of the scene unless given.
+        The default of `terms` are the terms of the scene.
         """
         structure = self.layout.structure
         return DiscreteRod(
@@ -162,11 +162,11 @@ class DiscreteRod:
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
-        of = self.layout
-        lengths = of.lengths
-        nonzeros = lengths.jacobian(x, self.length_p)
-        whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x + 1))
-        return np.asarray(whole.toarray()[:, of.n_before_states : -1])
+        layout = self.layout
+        jacobian = layout.lengths.jacobian
+        shape = (layout.n_tendons, layout.n_x + 1)
+        whole = csr_array((jacobian(x, self.length_p), jacobian.triplet), shape)
+        return np.asarray(whole.toarray()[:, layout.n_before_states : -1])
 
     def by_wrench(self, x: Array, node: int) -> Array:
         """Return the changes of the residuals by a dead force and moment at a node (n_states, 6).
@@ -199,7 +199,7 @@ class DiscreteRod:
         return states[layout.nodes[:, POSE : POSE + layout.structure.n_wrench]]
 
     def rows_of(self, name: str, x: Array) -> Array:
-        """Return the residuals (N, n_r) of all that a kernel is repeated for, by its name."""
+        """Return the residuals (N, n_r) of all repetitions of the kernel of a name."""
         (term,) = [term for term in self.layout.equations.terms if term.kernel.name == name]
         c = self.p[self.layout.equations.slices[self.layout.equations.terms.index(term)]]
         c = c.reshape(term.count, -1)
@@ -208,9 +208,9 @@ class DiscreteRod:
         )[0]
 
     def stretch_beside(self, strains: Array) -> tuple[Array, Array]:
-        """Return the stretch (N,) on the base and on the tip side of the nodes but the base.
+        """Return the stretch (N,) on both sides of all nodes except the base.
 
-        By strains (N stages, strains).
+        The base side first. `strains` (N stages, strains) are at the stages.
         """
         method = gauss(self.layout.structure.stages)
         _, nu = kinematics(self.layout.structure.law, strains)
@@ -221,10 +221,10 @@ class DiscreteRod:
         return before, beyond
 
     def outer_radii(self, strains: Array) -> Array:
-        """Return the larger of the arm's outer radii (N,) on both sides of the nodes but the base.
+        """Return the outer radii (N,) [m] of all nodes except the base.
 
-        Strains (N stages, strains) may jump there, and with them the radius of a body that keeps
-        its volume, which swells by lambda^(-1/2) where it is shortened to lambda [m].
+        A body of constant volume swells by lambda^(-1/2) if it is shortened to lambda. If the
+        strains (N stages, strains) jump at a node, the larger radius of both sides is returned.
         """
         radii = self.arm.outer_radius(self.mesh.s[1:])[0]
         if not isinstance(self.layout.structure.law, RubberSection):
@@ -232,7 +232,7 @@ class DiscreteRod:
         return np.asarray(radii / np.sqrt(np.minimum(*self.stretch_beside(strains))))
 
     def integrate_poses(self, strains: Array) -> Array:
-        """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
+        """Integrate strains at the stages (N stages, strains) to poses at the nodes (N + 1, 7)."""
         structure = self.layout.structure
         kinematics = RodStructure(
             structure.law, structure.stages, has_moment=False, machine_code=structure.machine_code
@@ -249,10 +249,17 @@ class DiscreteRod:
         load: float = 0.0,
         known: tuple[Places, Array] | None = None,
     ) -> Array:
-        """Return the states (..., n_states) of strains at the stages (..., N stages, strains).
+        """Return initial states (..., n_states) from strains (..., N stages, strains).
 
-        Of an arm or of many, tensions (..., n_tendons). Poses are integrated from the base, forces
-        and moments from the tip, with the node variables that are `known`: places and values.
+        Poses are integrated from the base; forces and moments are integrated from the tip.
+
+        Parameters
+        ----------
+        tensions : (..., n_tendons)
+        load : float
+            The load factor.
+        known : (n,), (n,)
+            Places and values of known node variables.
         """
         layout = self.layout
         structure = layout.structure
@@ -282,7 +289,7 @@ class DiscreteRod:
         moments, forces, u = (layout.nodes[:, k : k + 3] for k in (POSE, POSE + 3, 4))
         if structure.has_force:
             states[..., forces] = _from_tip(missing[..., forces])
-            # The residuals are those without forces beyond the elements.
+            # The residuals do not contain the forces beyond the elements.
             along = np.diff(states[..., u], axis=-2)
             missing[..., moments[:-1]] += cross(along, states[..., forces[1:]])
         states[..., moments] = _from_tip(missing[..., moments])
@@ -290,12 +297,12 @@ class DiscreteRod:
 
 
 def _from_tip(steps: Array) -> Array:
-    """Return the sums (..., N + 1, 3) from the tip on of what is added at each node."""
+    """Return the sums (..., N + 1, 3) of the steps from the tip to each node."""
     return np.asarray(np.cumsum(steps[..., ::-1, :], axis=-2)[..., ::-1, :])
 
 
 def _restored(*value: Any) -> DiscreteRod:
-    """Return equations with numbers of their own: the last that is given."""
+    """Return equations with the parameters p that are the last argument."""
     result = DiscreteRod(*value[:-1])
     result.p = value[-1]
     return result
@@ -314,8 +321,8 @@ def system(
 ) -> DiscreteRod:
     """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
 
-    Unless the rod is `loaded`, forces and moments are left out; with `machine_code` the kernels are
-    compiled. Of `steps_per_unit` see octoplan.model.mesh.graded.
+    Without `loaded`, forces and moments are left out. With `machine_code`, the kernels are
+    compiled. See octoplan.model.mesh.graded for `steps_per_unit`.
     """
     rate = partial(growth_rate, arm, scene) if is_loaded(scene) else None
     nodes = *at, *required_arc_lengths(arm, scene)

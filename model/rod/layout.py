@@ -1,13 +1,14 @@
-"""Places of the unknowns and equations of a rod on a mesh.
+"""Layout of the unknowns and equations of a rod on a mesh.
 
 The unknowns are the tensions, the load factor, then from base to tip each node and the stages of
 the element beyond it. A node has its pose q (4,), u (3,), moment M (3,) and force F (3,) if the
-structure has them, the states of the tendons, the node variables of the terms, and of each contact
-its unknowns; a stage has its strains and the stage variables of the terms. Where a term has a force
-or moment at a node, M and F are those on the base side. Equations and states have the same order,
-so that the Jacobian is a narrow band.
-At an anchorage pose, moment and force are those of one node, and the tendons that cross change:
-that is the interface condition between segments, across which the strains jump.
+structure has them, the states of the tendons and the node variables of the terms. A stage has its
+strains and the stage variables of the terms. If a term has a force or moment at a node, M and F are
+the values on the base side. Equations and states have the same order, so that the Jacobian is a
+narrow band.
+
+An anchorage is one node, which both segments share: pose, moment and force are continuous there,
+the set of tendons that cross changes, and the strains jump.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from octoplan.model.paths import Mask
+from octoplan.model.rod.band import Band
 from octoplan.model.rod.element import element
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Places
@@ -35,65 +37,26 @@ from octoplan.model.rod.tendons import (
 from octoplan.model.support.machine.functions import cached
 
 
-class Band:
-    """Where the nonzeros of a layout's Jacobian are, and in LAPACK's band storage.
-
-    Attributes
-    ----------
-    rows, columns : (nnz,)
-        Of all nonzeros; columns are tensions, load factor, states.
-    n_before_states : int
-        The first column of the states.
-    below, above : int
-        Width of the band.
-    height : int
-        Rows of the storage, those that pivoting fills among them.
-    inside : (n,)
-        Which nonzeros are against the states.
-    states, equations : (n_states,)
-        Their order in the storage. Of a node's states the quaternion comes last, on which all of
-        its element depends, and equations come in the order of their first states: the band is as
-        narrow as that, and a factorisation costs its width times what is below the diagonal.
-    stored : (n,)
-        Where those inside stand in the storage, column by column.
-    """
-
-    def __init__(self, of: Layout) -> None:
-        self.n_before_states, n = of.n_before_states, of.n_states
-        self.rows, self.columns = (each[:-n] for each in of.equations.jacobian.triplet)
-        self.inside = np.flatnonzero(self.columns >= of.n_before_states)
-        self.states = np.arange(n)
-        self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)
-        column = np.argsort(self.states)[self.columns[self.inside] - of.n_before_states]
-        earliest = np.full(n, n)
-        np.minimum.at(earliest, self.rows[self.inside], column)
-        self.equations = np.argsort(earliest, kind="stable")
-        row = np.argsort(self.equations)[self.rows[self.inside]]
-        self.below, self.above = int((row - column).max()), int((column - row).max())
-        self.height = 2 * self.below + self.above + 1
-        self.stored = column * self.height + self.below + self.above + row - column
-
-
 class Layout:
-    """The structure of an arm's equations on a mesh; numbers are no part of it.
+    """Indices of the unknowns and equations of a rod of N elements with m stages each.
 
-    Places are places among the states, of N elements with m stages each.
+    A layout contains no parameter values. Places are indices among the states.
 
     Attributes
     ----------
     structure : RodStructure
     ends : (n_tendons,)
-        The element, counted from 1 at the base, at whose far node each tendon ends.
+        The node at which each tendon ends; the base is node 0.
     elements : int
         N.
     node_groups : tuple of NodeGroup
         The terms that act at nodes.
     n_before_states : int
-        Place of the first state among all unknowns, behind the tensions and the load factor.
+        Number of unknowns before the states: the tensions and the load factor.
     n_tendons, n_states, n_x : int
-        Numbers of tensions, of states and equations, of all unknowns.
+        Number of tensions, of states (and equations), of all unknowns.
     node_size, stage_size, stride : int
-        Numbers of unknowns of a node, of the stages of an element, of both.
+        Number of unknowns of a node, of the stages of an element, of both.
     nodes : (N + 1, node_size)
         Places of the nodes' unknowns.
     inside : (stage_size, N)
@@ -113,7 +76,7 @@ class Layout:
     lengths : Equations
         The lengths of the tendons [m].
     kinks : (P,), (P,)
-        Element before an anchorage, and tendon, for each that goes on beyond one.
+        Element before an anchorage, and tendon, for each tendon that continues beyond it.
     """
 
     def __init__(
@@ -161,14 +124,21 @@ class Layout:
         self.lengths = Equations(
             self.n_x, self.n_tendons, [term_of_lengths], structure.machine_code
         )
-        at = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
-        k, j = _pairs(at[:, None] < np.array(ends))
-        self.kinks: tuple[Places, Places] = (at[k] - 1, j)
+        anchorages = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
+        k, j = _pairs(anchorages[:, None] < np.array(ends))
+        self.kinks: tuple[Places, Places] = (anchorages[k] - 1, j)
 
     @cached_property
     def band(self) -> Band:
-        """Where the nonzeros of the Jacobian are, in LAPACK's band storage."""
-        return Band(self)
+        """The nonzeros of the Jacobian in LAPACK's band storage."""
+        rows, columns = self.equations.jacobian.triplet
+        return Band(
+            rows[: -self.n_states],
+            columns[: -self.n_states],
+            self.n_states,
+            self.n_before_states,
+            self.nodes,
+        )
 
     @cached_property
     def equations(self) -> Equations:
@@ -188,25 +158,33 @@ class Layout:
         return self.nodes[:, : POSE + self.structure.n_wrench]
 
     def base_condition(self) -> list[Term]:
-        """Return the clamped base; tendon states are 0 there."""
+        """Return the equations of the clamped base, and of the tendon states, which are 0 there."""
         pose = self.nodes[:1, :POSE].T
         return [Term(clamp(), self.n_before_states + pose, pose), self._zero(self.tendon_states[0])]
 
     def dynamics(self) -> list[Term]:
-        """Return the elements: x_{k+1} = F(x_k, v_k), and the local wrench of all stages."""
-        at = self.n_before_states
+        """Return the elements: x_{k+1} = F(x_k, v_k), and part of the stage equations.
+
+        The kernel of an element also writes minus the local wrench into the rows of its stages, to
+        which `stage_equations` add body and tendons.
+        """
         nodes = self._node_states
         load = np.full((1, self.elements), self.n_tendons)[: int(self.structure.has_moment)]
-        values = at + np.vstack([nodes[:-1].T, self.inside])
-        unknowns = np.vstack([load, values, at + nodes[1:].T])
-        # The pose of a node is an equation of the element before, the wrench of the one beyond.
+        states = np.vstack([nodes[:-1].T, self.inside, nodes[1:].T])
+        unknowns = np.vstack([load, self.n_before_states + states])
+        # The element before a node has the equations of its pose; the element beyond has the
+        # equations of its wrench.
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
         return [Term(cached(element, self.structure), unknowns, rows)]
 
     def stage_equations(self) -> list[Term]:
-        """Return body and tendons of the stages, which balance the local wrench."""
+        """Return the shares of body and tendons in the stage equations G = 0.
+
+        The kernels of elements of the terms are added: their loads, such as pressure.
+        """
         by_stage = np.vstack([self.stages.T, *(each.T for each in self.stage_variables)])
-        bodies = Term(cached(body, self.structure), self.n_before_states + by_stage, by_stage)
+        kernel = cached(body, self.structure)
+        bodies = Term(kernel, self.n_before_states + by_stage, by_stage)
         couples = self.structure.couples_stages
         tendons = self._tendons_in_elements() if couples else self._tendons()
         loads = [
@@ -219,17 +197,17 @@ class Layout:
 
     @cached_property
     def node_kernel_names(self) -> frozenset[str]:
-        """The names of the kernels whose rows are jumps of moment and force at nodes."""
+        """The names of the kernels with jumps of moment and force at nodes as rows."""
         return frozenset(term.kernel.name for term in self._at_nodes()) - {"zero"}
 
     def jumps(self) -> list[Term]:
-        """Return the jumps at nodes, of moments and forces and of tendon states."""
+        """Return the jumps at nodes: of moments and forces, and of tendon states."""
         terms = self._at_nodes() if self.structure.has_moment else []
         terms += self._tendon_jumps() if self.structure.n_tendon_states else []
         return terms
 
     def tip_condition(self) -> list[Term]:
-        """Return M_N and F_N equal to 0 beyond the loads at the tip; no equation without loads."""
+        """Return M_N = 0 and F_N = 0, to which `jumps` add loads at the tip; [] without loads."""
         if not self.structure.has_moment:
             return []
         wrench = self._node_states[-1:, POSE:].T
@@ -242,12 +220,12 @@ class Layout:
         )
 
     def _zero(self, places: Places) -> Term:
-        """Return equations by which states are 0."""
+        """Return equations that fix states at 0."""
         flat = places.reshape(1, -1)
         return Term(zero(), self.n_before_states + flat, flat)
 
     def _at_nodes(self) -> list[Term]:
-        """Return forces, moments and variables of the terms at the nodes."""
+        """Return the forces, moments and node equations of the terms at the nodes."""
         terms = list[Term]()
         wrench = slice(POSE, POSE + self.structure.n_wrench)
         for i, group in enumerate(self.node_groups):
@@ -255,13 +233,13 @@ class Layout:
             variables = self.node_variables[i]
             pairs = zip(variables, group.nodes, strict=True)
             here = np.vstack([places[list(each)] for places, each in pairs]).T
-            own = [
+            own_kernels = [
                 placed
                 for places in variables
                 for placed in group.structure.term.node_kernels(self._places(places))
             ]
-            terms += own
-            if nodes and not own:
+            terms += own_kernels
+            if nodes and not own_kernels:
                 load = np.full((1, len(nodes)), self.n_tendons)
                 poses = self.nodes[nodes, :POSE].T
                 unknowns = np.vstack(
@@ -276,43 +254,44 @@ class Layout:
         return terms
 
     def _tendons(self) -> Term:
-        """Return the tendons of the stages, tensions the same all along."""
+        """Return the tendons of constant tension at the stages."""
         strains = self.stages.T
-        stage, number = self.crossings
-        unknowns = np.vstack([number, self.n_before_states + strains[:, stage]])
+        stage, tendon_index = self.crossings
+        unknowns = np.vstack([tendon_index, self.n_before_states + strains[:, stage]])
         return Term(cached(tendon, self.structure.law), unknowns, strains[:, stage])
 
     def _tendons_in_elements(self) -> Term:
         """Return the tendons of the elements, with their states at the nodes."""
-        at = self.n_before_states
         y = self.tendon_states
         k, j = self.passages
         inside = self.inside[:, k]
         load = np.full((1, j.size), self.n_tendons)
-        unknowns = np.vstack([load, j[None], at + y[k, j].T, at + y[k + 1, j].T, at + inside])
+        states = np.vstack([y[k, j].T, y[k + 1, j].T, inside])
+        unknowns = np.vstack([load, j[None], self.n_before_states + states])
         rows = np.vstack([inside, y[k + 1, j].T])
         return Term(cached(tendon_in_element, self.structure), unknowns, rows)
 
     def _tendon_jumps(self) -> list[Term]:
-        """Return the jumps of tendon states at anchorages; states stay the same beyond its end."""
-        at = self.n_before_states
+        """Return the jumps of tendon states at anchorages; states are constant beyond the end."""
         y = self.tendon_states
         k, j = self.kinks
-        both = np.vstack([at + self.inside[:, k], at + self.inside[:, k + 1]])
+        both = np.vstack([self.inside[:, k], self.inside[:, k + 1]])
         k_idle, j_idle = np.nonzero(np.arange(self.elements)[:, None] >= np.array(self.ends))
         before = y[k_idle, j_idle].reshape(1, -1)
         after = y[k_idle + 1, j_idle].reshape(1, -1)
+        idle = np.vstack([before, after])
+        jump = cached(tendon_jump, self.structure)
         return [
-            Term(cached(tendon_jump, self.structure), both, y[k + 1, j].T),
-            Term(idle_tendon(), at + np.vstack([before, after]), after),
+            Term(jump, self.n_before_states + both, y[k + 1, j].T),
+            Term(idle_tendon(), self.n_before_states + idle, after),
         ]
 
 
 def _pairs(are: Mask) -> tuple[Places, Places]:
-    """Return rows and columns of what is true."""
+    """Return the rows and columns of the true entries."""
     i, j = np.nonzero(are)
     return i, j
 
 
-# The layout of a structure, built once.
+# Return the layout of a structure; cached.
 layout = lru_cache(maxsize=32)(Layout)

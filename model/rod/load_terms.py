@@ -23,7 +23,7 @@ _RADIUS_SAMPLES = 65
 
 @dataclass(frozen=True)
 class CouplingTerm(RodTerm):
-    """Couples and twists the cross-sections without a load; the law of the sections needs it."""
+    """Coupling and torsion of the cross-sections without a load, as the law of shear requires."""
 
     couples_sections = True
     bends = False
@@ -31,7 +31,7 @@ class CouplingTerm(RodTerm):
 
 @dataclass(frozen=True)
 class WeightTerm(RodTerm):
-    """Weight of the arm minus that of the displaced fluid, (rho - rho_fluid) A g.
+    """Weight of the arm minus the weight of the displaced fluid, (rho - rho_fluid) A g.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class WeightTerm(RodTerm):
     couples_sections = True
 
     def specific_weight(self, arm: Arm) -> Array:
-        """Return the weight of a volume of the body minus that of the fluid (3,) [N/m3]."""
+        """Return the weight per volume of the body minus the weight of the fluid (3,) [N/m3]."""
         return (arm.material.density - self.fluid_density) * np.array(self.g)
 
     def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
@@ -105,7 +105,7 @@ class DeadTipTerm(RodTerm):
         return np.full(s.size, _capped_norm(self.force))
 
     def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
-        """Return half of the size of the moment, at the tip."""
+        """Return |moment| / 2 at the tip."""
         return ((arm.length, 0.5 * _capped_norm(self.moment)),)
 
 
@@ -121,7 +121,7 @@ class FollowerTerm(RodTerm):
 
     @property
     def is_conservative(self) -> bool:
-        """No: the work depends on the way."""
+        """False: the work depends on the path."""
         return False
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
@@ -145,7 +145,7 @@ class FollowerTerm(RodTerm):
         return np.full(s.size, _capped_norm(self.force))
 
     def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
-        """Return 1.5 of the size of the moment, and that of the force at the base, at the tip."""
+        """Return 1.5 |moment| + |force| L at the tip."""
         moment = 1.5 * _capped_norm(self.moment) + _capped_norm(self.force) * arm.length
         return ((arm.length, moment),)
 
@@ -154,7 +154,8 @@ class FollowerTerm(RodTerm):
 class PointForceTerm(RodTerm):
     """A dead force on a cross-section.
 
-    The internal force jumps by the force, and the internal moment by (R offset) x force.
+    The force is part of the dead resultant D and adds no jump of the node states. A force off the
+    midline adds the moment (R offset) x force at its node.
 
     Attributes
     ----------
@@ -226,11 +227,11 @@ class DragTerm(RodTerm):
 
     @property
     def is_conservative(self) -> bool:
-        """No: the work depends on the way."""
+        """False: the work depends on the path."""
         return False
 
     def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
-        """Return 3: |v_n| v_n has a kink in its derivative where the current runs along the arm."""
+        """Return 3: the derivative of |v_n| v_n has a kink at v_n = 0."""
         return min(order, 1 if derivatives else 3)
 
     def load_per_length(self, section: SectionView) -> ca.SX:
@@ -249,7 +250,7 @@ class DragTerm(RodTerm):
         return {"drag": self.density * self.coefficient * points.stations.radius[None]}
 
     def force_bound(self, arm: Arm, s: Array) -> Array:
-        """Return the drag per length across the current times the length beyond s."""
+        """Return the largest drag per length times the length beyond s."""
         # Rounding may put the last arc length beyond the tip.
         return self._load_bound(arm) * np.maximum(arm.length - s, 0.0)
 
@@ -266,5 +267,5 @@ class DragTerm(RodTerm):
 
 
 def _capped_norm(vector: Any) -> float:
-    """Return the size of a vector, capped where its square would overflow."""
+    """Return the norm of a vector; components are clipped so that the square is finite."""
     return float(np.linalg.norm(np.clip(vector, -LARGEST, LARGEST)))

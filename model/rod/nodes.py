@@ -27,7 +27,7 @@ def zero() -> Kernel:
 
 
 def tip(structure: RodStructure) -> Kernel:
-    """Return the kernel of the tip: M, F there minus a moment (3,) that is no part of the loads."""
+    """Return the kernel of the tip: M, F minus an additional moment (3,), for sensitivities."""
     w = ca.SX.sym("w", structure.n_wrench)
     moment = ca.SX.sym("moment", 3)
     return Kernel("tip", w, {"moment": moment}, ca.vertcat(w[:3] - moment, w[3:]))
@@ -41,9 +41,9 @@ def node_kernel_name(group: int) -> str:
 def node(name: str, structure: TermStructure, n_wrench: int) -> Kernel:
     """Return the kernel of a term at a node.
 
-    Unknowns: load factor, pose, node variables of the term. Rows: minus moment and force on the
-    node, by which M and F on its base side exceed M and F on its tip side, then the equations of
-    the node variables.
+    Unknowns: load factor, pose, node variables of the term. Rows: minus the moment and the force on
+    the node, which are the jumps of M and F from its tip side to its base side; then the equations
+    of the node variables.
     """
     term = structure.term
     load_factor = ca.SX.sym("load")

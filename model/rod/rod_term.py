@@ -4,6 +4,8 @@ A rod has one law of its cross-sections and any number of rod terms. The members
 return SX expressions are evaluated once for each structure, and the members that return arrays for
 each arm and mesh. A term depends neither on the mesh, nor on the order of the unknowns, nor on the
 solver. The default of each member contributes nothing.
+
+A complete example of a new effect with its rod term is tests/model/test_magnetic_tip.py.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ ElementLoad = Callable[[tuple[int, int], Array], tuple[Array, Array]]
 
 
 def _undefined(rows: int, columns: int = 1) -> Callable[[], ca.SX]:
-    """Return a default of NaN for quantities that a kernel does not provide: any use is seen."""
+    """Return a default of NaN for quantities that a kernel does not provide, to detect use."""
     return partial(ca.SX.nan, rows, columns)
 
 
@@ -41,8 +43,8 @@ def _undefined(rows: int, columns: int = 1) -> Callable[[], ca.SX]:
 class SectionView:
     """Symbols of the cross-section at a stage of an element, for one term.
 
-    Vectors of three components without further remark are in the frame of the element's first
-    node, in which the kernels are evaluated; `from_base` rotates vectors of the base frame there.
+    Vectors are in the frame of the first node of the element unless stated otherwise; `from_base`
+    rotates vectors from the base frame to this frame.
 
     Attributes
     ----------
@@ -54,8 +56,8 @@ class SectionView:
     load_factor : scalar
         Factor of all loads: 0 without loads, 1 with all of their strength.
     body, body_rate : (n,)
-        Numbers of the body that the law takes, and their derivatives along s; defined in
-        `body_equations` alone, in which all later attributes are undefined.
+        Parameters of the body in the law, and their derivatives along s. Only `body_equations`
+        receives them; all later attributes are undefined there.
     frame : (3, 3)
         Columns t, n, b.
     kappa, nu : (3,)
@@ -138,7 +140,7 @@ class NodeView:
 
 @dataclass(frozen=True, eq=False)
 class RodPoints:
-    """Cross-sections of an arm in numbers, for the values of section and tendon parameters.
+    """Cross-sections of an arm at which section and tendon parameters are evaluated.
 
     Attributes
     ----------
@@ -175,13 +177,13 @@ class KernelStructure(Protocol):
 
 
 class RodPlaces(NamedTuple):
-    """Places of the states of a rod of N elements, for a term's own kernels.
+    """Places of the states of a rod of N elements, for the kernels of a term.
 
     Attributes
     ----------
     structure : KernelStructure
     n_before_states : int
-        Place of the first state among all unknowns.
+        Number of unknowns before the states.
     nodes : (N + 1, 7 + n_wrench)
         Pose, moment and force of the nodes.
     inside : (n, N)
@@ -203,16 +205,16 @@ class RodTerm:
     Attributes
     ----------
     couples_sections : bool
-        Whether the effect couples or twists the cross-sections, so that the moment is a state of
-        the nodes and torsion a strain.
+        Whether the effect couples or twists the cross-sections: then the moment is a state of the
+        nodes, and torsion is a strain. True for all loads, shear and friction.
     depends_on_shape : bool
-        Whether some of its force depends on the shape, so that the force is a state of the nodes.
+        Whether a force depends on the shape: then the force is a state of the nodes.
     n_tendon_states : int
         Number of states of each tendon at each node.
     uniform_parameters, section_parameters, tendon_parameters, node_parameters : dict of int
-        Sizes of the parameters in the expressions, by name: of the parameters that are the same
-        all along the rod, that vary with the cross-section, with cross-section and tendon, and with
-        the node.
+        Sizes of the parameters in the expressions, by name: of parameters that are constant along
+        the rod, and of parameters for each cross-section, for each tendon in a cross-section, and
+        for each node.
     """
 
     couples_sections: bool = False
@@ -280,8 +282,8 @@ class RodTerm:
     def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
         """Return the resultant (3, n) [N] of the dead forces between s (n,) and the tip.
 
-        A force at a node counts from its node on: at `end` (n,), the far nodes of the elements that
-        s lie in, or farther. In the base frame.
+        The result is in the base frame. `end` (n,) are the last nodes of the elements that contain
+        s. A force at a node is included if its arc length is at least `end`.
         """
         return np.zeros((3, s.size))
 
@@ -292,7 +294,7 @@ class RodTerm:
     def load_per_length(self, section: SectionView) -> ca.SX:
         """Return the shape-dependent load (3,) per unit reference length [N/m].
 
-        In the frame of the element's first node; see SectionView.
+        The result is in the frame of the first node of the element; see SectionView.
         """
         return ca.SX(3, 1)
 
@@ -311,10 +313,10 @@ class RodTerm:
     def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
         """Return bounds of the moments per squared rotation of a cross-section.
 
-        Pairs of an arc length [m] and a moment [N m], for all loads that are no dead forces on the
-        midline. The bound of the rotations does not decrease from base to tip, so that a load that
-        changes with the shape is bounded by its lever arm to the base. By default the moment of a
-        load that bends the arm has no bound, so that stability is always tested.
+        Pairs of an arc length [m] and a moment [N m], for all loads except dead forces on the
+        midline. The bound of the rotations does not decrease from base to tip, so that the lever
+        arm to the base bounds a load that depends on the shape. By default the moment of a load
+        that bends the arm has no bound, so that stability is always tested.
         """
         return ((arm.length, np.inf),) if self.bends else ()
 
@@ -327,7 +329,7 @@ class RodTerm:
     def tendon_state_rate(self, law: CrossSection, tendon: TendonView) -> ca.SX:
         """Return the derivatives (n_tendon_states,) of the tendon states along s.
 
-        They depend on strains, variables, path and parameters, not on the states.
+        The rates depend on strains, variables, path and parameters, not on the states.
         """
         return ca.SX(0, 1)
 
@@ -368,12 +370,12 @@ class RodTerm:
         """Return the equations (n_node_variables,) of the node variables."""
         return ca.SX(self.n_node_variables, 1)
 
-    # Own kernels, if the views of one section or one node do not suffice
+    # Kernels of the term, if the views of one section or one node are not sufficient
 
     def node_kernels(self, places: RodPlaces) -> list[Term]:
         """Return placed kernels of the nodes in place of node forces, moments and equations.
 
-        Their rows are wrenches of nodes and the equations of all variables of the term's nodes.
+        The rows are the wrenches of nodes and the equations of all node variables of the term.
         """
         return []
 
@@ -382,7 +384,7 @@ class RodTerm:
         return []
 
     def kernel_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
-        """Return the parameter values of the term's own kernels."""
+        """Return the parameter values of the kernels of the term."""
         return {}
 
     def element_load(
@@ -405,7 +407,7 @@ class RodTerm:
         """Return the relative sizes (M,) of M steps of the node variables (M, N + 1, n)."""
         return np.zeros(len(steps))
 
-    # Numbers
+    # Parameter values
 
     def uniform_values(self, arm: Arm) -> Values:
         """Return the values (size,) of the uniform parameters."""
@@ -416,9 +418,9 @@ class RodTerm:
         return {}
 
     def tendon_values(self, points: RodPoints, place: Counts, tendon: Counts) -> Values:
-        """Return the values (size, P) of the tendon parameters.
+        """Return the values (size, P) of the tendon parameters at P crossings.
 
-        At P pairs of a cross-section's index among the points and a tendon.
+        Crossing i is tendon `tendon[i]` in the cross-section `place[i]` of the points.
         """
         return {}
 
@@ -429,7 +431,7 @@ class RodTerm:
     def stage_scales(self, arm: Arm, strain: Array, balance: Array) -> tuple[Array, Array]:
         """Return the scales (n, n_stage_variables) of the stage variables and their equations.
 
-        By the scales (n, n_strains) of strains and balance equations.
+        `strain` and `balance` are the scales (n, n_strains) of strains and balance equations.
         """
         return strain[:, :0], balance[:, :0]
 
@@ -440,7 +442,7 @@ class RodTerm:
     def initial_stage_variables(self, strains: Array, h: Array) -> Array:
         """Return initial values (..., N, m, n_stage_variables) of the stage variables.
 
-        By strains (..., N, m, n_strains) at the m stages of N elements of lengths h (N,) [m].
+        `strains` (..., N, m, n_strains) are at the m stages of N elements of lengths h (N,) [m].
         """
         return strains[..., :0]
 

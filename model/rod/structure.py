@@ -1,4 +1,4 @@
-"""The structure of a rod: the law of its cross-sections and its terms, without their numbers."""
+"""The structure of a rod: the law of its cross-sections and its terms, without parameters."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from octoplan.model.rod.rod_term import RodTerm, Sizes, Symbols, Values
 
 @dataclass(frozen=True)
 class TermStructure:
-    """A term as far as its expressions depend on it: equal if class and structure are equal.
+    """The expressions of a term: equal to another one if class and structure are equal.
 
-    So the term serves for expressions alone, never for numbers.
+    Use `term` for expressions only, never for parameter values.
     """
 
     term: RodTerm = field(compare=False)
@@ -31,7 +31,7 @@ class TermStructure:
 
 @dataclass(frozen=True)
 class RodStructure:
-    """The law and the terms of a rod, as far as the kernels of elements depend on them.
+    """The law and the terms of a rod on which the kernels of its elements depend.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class RodStructure:
 
     @cached_property
     def terms(self) -> tuple[RodTerm, ...]:
-        """The terms that extend the cross-sections, for expressions alone."""
+        """The terms that extend the cross-sections, for expressions only."""
         return tuple(each.term for each in self.term_structures)
 
     @cached_property
@@ -97,8 +97,8 @@ class RodStructure:
     def symbols(self, kind: str, columns: int = 1, stage_variables: bool = False) -> Symbols:
         """Return symbols (size, columns) of the parameters of one kind, for all terms.
 
-        `kind` is "uniform", "section" or "tendon". With `stage_variables` only for the terms that
-        have some.
+        `kind` is "uniform", "section" or "tendon". With `stage_variables`, terms without stage
+        variables are left out.
         """
         return {
             parameter_name(i, name): ca.SX.sym(name, count, columns)
@@ -108,10 +108,7 @@ class RodStructure:
         }
 
     def stacked(self, kind: str, values: Values, count: int) -> Array:
-        """Return the values (size, count) of the parameters of one kind as a matrix (count, n).
-
-        In the order of `symbols`.
-        """
+        """Return the values (size, count) of one kind as a matrix (count, n), see `symbols`."""
         names = (
             parameter_name(i, name)
             for i, term in enumerate(self.terms)
@@ -158,7 +155,7 @@ _SECTION_MEMBERS = ("load_per_length", "n_stage_variables", "tendon_state_rate",
 def section_terms(terms: tuple[RodTerm, ...]) -> tuple[RodTerm, ...]:
     """Return the terms with expressions of cross-sections or tendons.
 
-    The kernels of elements do not depend on the others, of which there may be many.
+    The kernels of elements do not depend on other terms, such as many forces at nodes.
     """
     return tuple(
         term

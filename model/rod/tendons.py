@@ -1,6 +1,6 @@
 """Kernels of the cross-sections and of the tendons, with the tendon states of the rod terms.
 
-A tendon without states has the same tension all along, and its wrench is a kernel of one stage.
+The tension of a tendon without states is constant, and its wrench is a kernel of one stage.
 With states y of a term,
 
     T(s) = T(0) tension_ratio(y)        y' = tendon_state_rate(v, ...)        y = 0 at the motor
@@ -29,21 +29,21 @@ def body(structure: RodStructure) -> Kernel:
     """
     law = structure.law
     z = ca.SX.sym("v", structure.n_stage)
-    numbers = ca.SX.sym("body", body_size(law))
+    body_parameters = ca.SX.sym("body", body_size(law))
     v = z[: structure.n_strains]
     of_terms = structure.symbols("section", stage_variables=True)
-    parameters = {"body": numbers} | of_terms
+    parameters = {"body": body_parameters} | of_terms
     rate = ca.SX.sym("body_rate", body_size(law))
     if structure.n_stage > structure.n_strains:
         parameters["body_rate"] = rate
-    rows = [law.body(v, numbers)]
+    rows = [law.body(v, body_parameters)]
     for i, term in enumerate(structure.terms):
         if term.n_stage_variables(law):
             view = SectionView(
                 strains=v,
                 variables=z[structure.variable_slices[i]],
                 parameters=of_term(structure, i, of_terms),
-                body=numbers,
+                body=body_parameters,
                 body_rate=rate,
             )
             rows.append(term.body_equations(law, view))

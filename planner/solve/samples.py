@@ -175,7 +175,7 @@ def _equilibria(problem: Problem) -> tuple[list[Equilibrium], int]:
     """Return the sampled equilibria, and the number of shapes that were tried."""
     loaded = is_loaded(problem.scene)
     if loaded and problem.forward.loads_first:
-        points = problem.forward.passed(spread(problem.task, _LINES))
+        points = problem.forward.solve_along(spread(problem.task, _LINES))
         return points, len(points)
     tensions = spread(problem.task, _LOADED if loaded else _SAMPLES)
     ends = _points(problem, tensions)

@@ -91,7 +91,7 @@ def test_loads_on_sections_without_a_tendons_length_are_not_followed_for_minutes
     steps, T = [], np.zeros((3, 4))
     T[place], T[2, 2] = 16.0, 20.0
     monkeypatch.setattr(
-        "octoplan.model.equilibrium.load_steps.report", lambda *said: steps.append(said)
+        "octoplan.model.equilibrium.continuation.report", lambda *said: steps.append(said)
     )
     with pytest.raises(UnsettledSectionError, match="lower the tensions that cross it"):
         settle(ARM, T, Scene.silicone(Weight(), Buoyancy(1000.0)))

@@ -173,7 +173,7 @@ def test_weakly_felt_tensions_do_not_drift_under_loads(
     given = settle(arm, (1 + more) * np.array(T), scene)
     steps: list[Any] = []
     monkeypatch.setattr(
-        "octoplan.model.equilibrium.load_steps.report", lambda *said: steps.append(said)
+        "octoplan.model.equilibrium.continuation.report", lambda *said: steps.append(said)
     )
     back = settle(arm, scene=scene, lengths=given.tendon_lengths + 1e-3 * (np.array(T) == 0))
     assert len(steps) <= 4

@@ -1,19 +1,25 @@
-"""Kernels of contact: forces at nodes, pressure between them, and the residuals of contact.
+"""Kernels of contact: forces at nodes, pressure between nodes, and the residuals of contact.
 
-At a node that touches an obstacle of signed distance d, with n = grad d at the midline, the force
-P n acts on the arm; between nodes where the arm lies on it the pressure p n per unit reference
-length, p linear between the nodes. gap = d(u) - R, along the arm gap' = n . u' - R'.
+An obstacle has the signed distance d and the normal n = grad d at the midline. The gap is
+gap = d(u) - R with the radius R of the arm, and along the arm gap' = n . u' - R'. A touching node
+receives the force P n. A conforming part of the arm, which follows the surface of the obstacle,
+receives the pressure p n per unit reference length; p is linear between nodes.
 
-Where the arm touches at a point, that is where the gap is least, and moves along the arm by x while
-this bends: gap' + gap'' x = 0, and the force P n(u + x u') has the moment x u' x P n about the
-node, and friction acts along the surface there. A solution has its node there, x = 0; compliances
-have what x does in them.
+A contact point is a place of minimal gap. It moves along the arm by x if the arm bends:
+gap' + gap'' x = 0. The force P n(u + x u') then has the moment x u' x P n about the node, and
+friction acts along the surface. The solution has its node at the contact point, x = 0; compliances
+contain the effect of x.
 
-A node has two unknowns: P, and p or x. What is 0 there is told by numbers, so that contact
-comes and goes without building anything: P and p where the arm is free; gap, and gap' + gap'' x,
-where it touches at a point; gap and gap' at the ends of a part that lies on the obstacle; P and gap
-inside of it. So pressure holds the gap shut as a quintic spline interpolates: it is the fourth
-derivative of the deflection, with as many values as nodes and four conditions at the ends.
+A node has two unknowns: P, and p or x. Parameters (flags) select the two equations of a node, so
+that a change of contact needs no new kernel:
+
+- P = 0 and p = 0 at a node without contact;
+- gap = 0 and gap' + gap'' x = 0 at a contact point;
+- gap = 0 and gap' = 0 at the ends of a conforming part;
+- P = 0 and gap = 0 inside a conforming part.
+
+The pressure is the fourth derivative of the deflection. With one value per node and four conditions
+at the ends it closes the gap as a quintic spline interpolates.
 """
 
 from __future__ import annotations
@@ -30,24 +36,25 @@ from octoplan.model.rotations import half_turn, multiply, norm, unit_matrix
 from octoplan.model.support.checks import SMALLEST
 from octoplan.model.support.machine.functions import cached
 
-# Numbers of a touch: the obstacle's, radius, its slope, h, flags; with friction mu, r and u before.
-# Flags of a node, 1 or 0: a force holds the gap shut, there is pressure, the node is a point that
-# moves along the arm, the element beyond lies on the obstacle.
+# Parameters of `touch`: those of the obstacle, the radius of the arm, its slope, h, flags, and with
+# friction mu, r and the position u before the step.
+# Flags of a node, 1 or 0: a force closes the gap, there is pressure, the node is a contact point
+# that moves along the arm, the element beyond is conforming.
 FLAGS = slice(SIZE + 3, SIZE + 7)
 BEFORE = slice(SIZE + 9, SIZE + 12)
 PRESSURE = SIZE + 2
-# Times the element's length h: where gap'' is less points move to lesser gaps, as if it were 1 / h.
+# Smallest h gap'': below it a contact point moves towards smaller gaps as if gap'' were 1 / h.
 _FLAT = 1e-6
 
 
 def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
-    """Return the kernel of a node that may touch an obstacle, and with friction slip along it.
+    """Return the kernel of a node that may touch an obstacle, and slip along it with friction.
 
-    Unknowns: the strains of the element before, q, u, P, p or x; with friction p and tau of the
-    node before and of that beyond, Q, tau; tau as components in the arm's frames. Rows: its
-    contributions to M and F, and the residuals of P, p or x, Q and tau. Where there is a force and
-    pressure the node is an end of a part that lies. Traction there is that of the node beside, in
-    proportion to pressure.
+    Unknowns: the strains of the element before, q, u, P, p or x; with friction also p and the
+    traction tau of the node before and of the node beyond, the friction Q, and tau. Tractions are
+    components in the frames of the arm. Rows: shares of M and F, and the residuals of P, p or x, Q
+    and tau. A node with a force and pressure is an end of a conforming part. Its traction is the
+    traction of the neighbour inside the part, in proportion to the pressure.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", SIZE + 7 + 5 * friction)
@@ -88,10 +95,11 @@ def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
 
 
 def gap_along(law: CrossSection) -> ca.Function:
-    """Return pose, strains, their rates, an obstacle, radii -> gap and derivatives, normal, u'.
+    """Return the function of the gap and its first two derivatives along the arm, normal, and u'.
 
-    The gap's first two along the arm, rates those of strains, radii (3,) at rest with theirs. A
-    body that keeps its volume swells where it is shortened.
+    Arguments: pose, strains, derivatives of the strains along s, parameters of an obstacle, radius
+    of the arm at rest with its first two derivatives (3,). A body of constant volume swells if it
+    is shortened.
     """
     g, v, rate = ca.SX.sym("g", 7), ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     body, radius = ca.SX.sym("body", SIZE), ca.SX.sym("radius", 3)
@@ -116,19 +124,20 @@ def gap_along(law: CrossSection) -> ca.Function:
 
 
 def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
-    """Return the kernel of an element that may lie on an obstacle.
+    """Return the kernel of an element that may conform to an obstacle.
 
-    Unknowns: q, u, strains; p at both nodes, and with friction the traction there, as components
-    in the arm's frames, that is linear between them too. Numbers: the obstacle's, h, 1 if it does.
-    Rows: what it adds to M and F at the first node, then to the local wrench at the stages.
+    Unknowns: q, u, strains, p at both nodes; with friction also the traction at both nodes, as
+    components in the frames of the arm, which is linear between the nodes. Parameters: those of the
+    obstacle, h, 1 if the element is conforming. Rows: shares of M and F at the first node, then of
+    the local wrench at the stages.
     """
     q, u, v = ca.SX.sym("q", 4), ca.SX.sym("u", 3), ca.SX.sym("v", size(law), m)
     p, c, method = ca.SX.sym("p", 2), ca.SX.sym("c", PRESSURE), gauss(m)
     tau = ca.SX.sym("tau", 3 * friction, 2)
     h, lies = c[SIZE], c[SIZE + 1]
     twists = [law.twist(each) for each in ca.horzsplit(v)]
-    turns = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
-    R = [unit_matrix(multiply(q, half_turn(turn))) for turn in turns]
+    rotations = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
+    R = [unit_matrix(multiply(q, half_turn(rotation))) for rotation in rotations]
     along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
     places = [u + h * weighted_sum(row, along) for row in method.a]
     shares = [lies * ((1 - x) * p[0] + x * p[1]) for x in method.c.tolist()]

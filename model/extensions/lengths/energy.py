@@ -1,7 +1,7 @@
-"""The potential energy of an arm, and the rows that hold its lengths and gaps; as sums of kernels.
+"""Potential energy of an arm, and constraints of its lengths and gaps, as sums of kernels.
 
-See octoplan.model.extensions.lengths.least_energy, where they are the program that is solved.
-Lengths are in units of the arm's, forces in those that bend it.
+octoplan.model.extensions.lengths.least_energy solves the program with these functions. The unit of
+lengths is the length of the arm; the unit of forces is the force that bends the arm.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from octoplan.model.support.machine.functions import cached
 
 
 def body_energy(law: EnergySection) -> Kernel:
-    """Return the kernel of a stage's energy less the work of dead generalised forces.
+    """Return the kernel of the energy of a stage minus the work of dead generalised forces.
 
-    Strains; weight, numbers of the body, less the forces.
+    Unknowns: strains. Parameters: weight, the parameters of the body, minus the forces.
     """
-    n = body_size(law)
-    v, weight, body = ca.SX.sym("v", size(law)), ca.SX.sym("weight"), ca.SX.sym("body", n)
+    v = ca.SX.sym("v", size(law))
+    weight = ca.SX.sym("weight")
+    body = ca.SX.sym("body", body_size(law))
     forces = ca.SX.sym("forces", size(law))
     parameters = {"weight": weight, "body": body, "forces": forces}
     energy = law.energy(elastic_strains(law, v, body), body[:4]) + ca.dot(forces, v)
@@ -38,24 +39,32 @@ def body_energy(law: EnergySection) -> Kernel:
 
 
 def dead_loads(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of less the work of dead loads on an element.
+    """Return the kernel of minus the work of dead loads on an element, -integral of F . u'.
 
-    q, strains; h, the resultants of dead forces beyond the stages (3, m) -> - integral of F . u'.
+    Unknowns: q at the first node, strains. Parameters: h, the resultants of dead forces beyond the
+    stages (3, m).
     """
-    q, v = ca.SX.sym("q", 4), ca.SX.sym("v", size(law), m)
-    h, dead = ca.SX.sym("h"), ca.SX.sym("dead", 3, m)
-    twists, through = [law.twist(at) for at in ca.horzsplit(v)], Intermediates()
-    turns = rotation_quaternions(through, [kappa for kappa, _ in twists], h)[:-1]
-    along = [unit_matrix(turn) @ nu for turn, (_, nu) in zip(turns, twists, strict=True)]
+    q = ca.SX.sym("q", 4)
+    v = ca.SX.sym("v", size(law), m)
+    h = ca.SX.sym("h")
+    dead = ca.SX.sym("dead", 3, m)
+    twists = [law.twist(strains) for strains in ca.horzsplit(v)]
+    intermediates = Intermediates()
+    quaternions = rotation_quaternions(intermediates, [kappa for kappa, _ in twists], h)[:-1]
+    pairs = zip(quaternions, twists, strict=True)
+    along = [unit_matrix(quaternion) @ nu for quaternion, (_, nu) in pairs]
     local = ca.horzsplit(unit_matrix(q).T @ dead)
     work = ca.vertcat(*(ca.dot(f, t) for f, t in zip(local, along, strict=True)))
     value = -h * ca.dot(ca.DM(gauss(m).b), work)
     y = ca.vertcat(q, ca.vec(v))
-    return Kernel("dead_loads", y, {"h": h, "dead": dead}, value, through)
+    return Kernel("dead_loads", y, {"h": h, "dead": dead}, value, intermediates)
 
 
 def off_midline() -> Kernel:
-    """Return the kernel of less the work of a dead force off the midline: q; offset, force."""
+    """Return the kernel of minus the work of a dead force off the midline.
+
+    Unknowns: q. Parameters: offset, force.
+    """
     q = ca.SX.sym("q", 4)
     offset = ca.SX.sym("offset", 3)
     force = ca.SX.sym("force", 3)
@@ -64,63 +73,73 @@ def off_midline() -> Kernel:
 
 
 def kinematics(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
+    """Return the kernel of the kinematics of an element: the residuals of its last pose."""
     structure = RodStructure(law, m, has_moment=False)
     return cached(element, structure).part("kinematics", slice(-POSE, None))
 
 
 def node_gap() -> Kernel:
-    """Return the kernel of the gap at a node: u; the obstacle's numbers, the arm's radius, L [m].
+    """Return the kernel of the gap at a node, in units of the length L of the arm.
 
-    The obstacle's are in metres, what else there is in units of L.
+    Unknowns: u / L. Parameters: those of the obstacle in metres, the radius of the arm over L, L.
     """
-    u, c = ca.SX.sym("u", 3), ca.SX.sym("c", SIZE + 2)
+    u = ca.SX.sym("u", 3)
+    c = ca.SX.sym("c", SIZE + 2)
     distance, _ = signed_distance()(c[SIZE + 1] * u, c[:SIZE])
     return Kernel("node_gap", u, {"values": c}, distance / c[SIZE + 1] - c[SIZE])
 
 
 def stretched() -> Kernel:
-    """Return the kernel of a tendon's energy: by how much it is longer; its stiffness."""
+    """Return the kernel of the energy of a tendon. Unknown: elongation. Parameter: stiffness."""
     e = ca.SX.sym("e")
     stiffness = ca.SX.sym("stiffness")
     return Kernel("stretched", e, {"stiffness": stiffness}, stiffness * e**2 / 2)
 
 
 def longer() -> Kernel:
-    """Return the kernel of what a tendon's stretch adds to its row: less the stretch."""
+    """Return the kernel of minus the elongation of a tendon, for the row of its length."""
     e = ca.SX.sym("e")
     return Kernel("longer", e, {}, -e)
 
 
-def potential_energy(of: Layout, levers: tuple[int, ...]) -> Equations:
-    """Return the energy of a structure: of its states, then what tendons stretch by.
+def potential_energy(layout: Layout, levers: tuple[int, ...]) -> Equations:
+    """Return the energy as a function of the states and the elongations of the tendons.
 
     `levers` are the nodes at which dead forces act off the midline.
     """
-    law, m, n, nodes, v = of.structure.law, of.structure.stages, of.n_states, of.nodes, of.stages.T
+    law = layout.structure.law
     assert isinstance(law, EnergySection)
+    n = layout.n_states
+    v = layout.stages.T
+    nodes = layout.nodes
     terms = [
         (body_energy(law), v),
-        (cached(tendon_length, law), v[:, of.crossings[0]]),
-        (dead_loads(law, m), np.vstack([nodes[:-1, :4].T, of.inside])),
+        (cached(tendon_length, law), v[:, layout.crossings[0]]),
+        (dead_loads(law, layout.structure.stages), np.vstack([nodes[:-1, :4].T, layout.inside])),
         (off_midline(), nodes[list(levers), :4].T),
-        (stretched(), n + np.arange(of.n_tendons)[None]),
+        (stretched(), n + np.arange(layout.n_tendons)[None]),
     ]
     row = [Term(kernel, y, np.zeros((1, y.shape[1]), np.int64)) for kernel, y in terms]
-    return Equations(n + of.n_tendons, 1, row)
+    return Equations(n + layout.n_tendons, 1, row)
 
 
-def held_rows(of: Layout, obstacles: int) -> Equations:
+def held_rows(layout: Layout, obstacles: int) -> Equations:
     """Return the rows: poses at the ends of elements, lengths of tendons, gaps at nodes."""
-    law, nodes, (stage, tendon) = of.structure.law, of.nodes, of.crossings
-    n, N, tendons = of.n_states, of.elements, np.arange(of.n_tendons)[None]
+    law = layout.structure.law
+    nodes = layout.nodes
+    stage, tendon = layout.crossings
+    n = layout.n_states
+    N = layout.elements
+    n_tendons = layout.n_tendons
+    tendons = np.arange(n_tendons)[None]
     poses = np.arange(POSE * N).reshape(N, POSE).T
-    lengths, gaps = POSE * N + tendons, POSE * N + tendons.size + np.arange(N * obstacles)[None]
-    places = np.vstack([nodes[:-1].T, of.inside, nodes[1:].T])
+    lengths = POSE * N + tendons
+    gaps = POSE * N + n_tendons + np.arange(N * obstacles)[None]
+    places = np.vstack([nodes[:-1].T, layout.inside, nodes[1:].T])
     terms = [
-        Term(kinematics(law, of.structure.stages), places, poses),
-        Term(cached(tendon_length, law), of.stages.T[:, stage], lengths[:, tendon]),
+        Term(kinematics(law, layout.structure.stages), places, poses),
+        Term(cached(tendon_length, law), layout.stages.T[:, stage], lengths[:, tendon]),
         Term(longer(), n + tendons, lengths),
         Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
     ]
-    return Equations(n + tendons.size, POSE * N + tendons.size + gaps.size, terms)
+    return Equations(n + n_tendons, POSE * N + n_tendons + gaps.size, terms)
