@@ -6,7 +6,7 @@ loads, stiff friction, ill-posed plans), how large is the worst error against in
 how many are refused, and how long does it take? And how do errors grow along the arm if strains are
 integrated from the base to the tip rather than from the tip to the base?
 
-Assumptions: the families are those that the tests hold to their tolerances, `tests/hard_cases`;
+Assumptions: the families are those that tests hold to their tolerances, `tests/core/hard_cases`;
 each is described in its file, and run by its test. Errors are over the arm's length, or
 relative.
 
@@ -35,7 +35,7 @@ from octoplan.model.paths import Array
 from studies.reporting import asked, keep_finished, lettered
 
 _ROOT = Path(__file__).parents[1]
-_TEST = "tests/hard_cases/test_families.py::test_members_are_right_or_refused"
+_TEST = "tests/core/hard_cases/test_families.py::test_members_are_right_or_refused"
 _LEAST = 1e-17
 
 

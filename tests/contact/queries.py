@@ -14,7 +14,7 @@ from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from octoplan.model.support.errors import OctoplanError
 from tests.contact.cases import distance
-from tests.effects.spatial import EnergyRod, LoadedRod, Loads
+from tests.core.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, Rod, paper_rod
 from tests.random_arms import DENSITY, random_arm, random_pulls
 

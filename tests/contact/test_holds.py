@@ -15,7 +15,7 @@ from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.frontends.io.saved_files import load_plan
 from tests.contact.cases import bar
 from tests.contact.queries import query
-from tests.planner.cases import changed
+from tests.core.planner.cases import changed
 
 ARM = bar(0.3, 0.006, 2e5)
 ROD = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)

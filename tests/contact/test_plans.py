@@ -14,7 +14,7 @@ from octoplan.model.paths import Linear
 from octoplan.planner import Plan, plan, trajectory
 from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar, distance
-from tests.planner.cases import changed
+from tests.core.planner.cases import changed
 
 ARM = bar(0.3, 0.006, 2e7)
 FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))

@@ -15,7 +15,7 @@ from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.extensions.contact import Hold
 from octoplan.planner.targets import TipPosition
-from tests.planner.cases import changed
+from tests.core.planner.cases import changed
 
 ANGLES = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
 ARM = Arm(

@@ -22,9 +22,9 @@ from octoplan.model.effects import (
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import Backbone, BendingPlane, Fetch, Target, TipPosition
 from octoplan.planner.targets.fetch import Bend, stretches
-from tests.effects.spatial import EnergyRod, LoadedRod, Loads
+from tests.core.effects.spatial import EnergyRod, LoadedRod, Loads
+from tests.core.planner.cases import bend_and_plane, read
 from tests.oracles import Array, Rod
-from tests.planner.cases import bend_and_plane, read
 from tests.random_arms import DENSITY, random_arm, random_pulls
 
 WATER, G = 1000.0, 9.81

@@ -18,7 +18,7 @@ from octoplan.model.effects import (
 )
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.paths import Array
-from tests.model.cases import arm_of, random_rod
+from tests.core.model.cases import arm_of, random_rod
 
 EXACT = Scene(Extension(), ExactTendons())
 _SILICONE = (Extension(), ExactTendons(), NeoHookean())

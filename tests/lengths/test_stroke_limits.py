@@ -15,8 +15,8 @@ from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.outcome import verdict
 from octoplan.planner.targets import BendingPlane, TipPosition
+from tests.core.planner.cases import changed
 from tests.lengths.cases import EXACT, cylinder
-from tests.planner.cases import changed
 
 ARM = Arm.from_paper("table-4")
 T = np.array([0.1, 0.3, 0, 0, 0, 1.2, 0, 0.5, 3.0, 0, 0, 1.5])

@@ -14,7 +14,7 @@ from octoplan.model.extensions.clearance import clearance
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearances
 from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from octoplan.model.rod.discrete_rod import system
-from tests.model.cases import paper_tensions
+from tests.core.model.cases import paper_tensions
 from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")

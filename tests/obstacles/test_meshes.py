@@ -17,7 +17,7 @@ from octoplan.planner.frontends.bodies.surface import outline
 from octoplan.planner.frontends.io.saved_files import load_plan
 from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.targets import TipPosition
-from tests.model.cases import paper_tensions
+from tests.core.model.cases import paper_tensions
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("igl")

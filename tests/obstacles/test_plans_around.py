@@ -25,8 +25,8 @@ from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.outcome import verdict
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets import BendingPlane, TipPosition
+from tests.core.planner.cases import changed
 from tests.oracles import Array
-from tests.planner.cases import changed
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.3, 0.12, -0.12))

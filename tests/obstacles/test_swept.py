@@ -14,7 +14,7 @@ from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearance_
 from octoplan.model.extensions.obstacles import Box, Capsule, Obstacle, Sphere
 from octoplan.model.loads import is_loaded
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
-from tests.model.cases import paper_tensions
+from tests.core.model.cases import paper_tensions
 from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")
