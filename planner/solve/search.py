@@ -5,8 +5,8 @@ the modes that a problem has. Each mode takes these steps, and the first refined
 search.
 
 1. Multistart: solve the program on a coarse mesh from one initial guess after another, until enough
-   optima are equal. The exact mode first has three guesses. If no guess has an optimum, the
-   search goes on to the next mode.
+   optima are equal. The exact mode first has three guesses, unless a number is given. If no guess
+   has an optimum, the search goes on to the next mode.
 2. Samples, if a relaxed mode misses the targets: sample shapes over the limits, and solve from the
    nearest samples.
 3. Return to the exact mode, if a relaxed mode nearly meets the targets: the optimum is the first
@@ -95,9 +95,10 @@ class Search:
     def _run(self) -> Solution:
         """Return the best optimum of the first mode of the targets that has one.
 
-        The exact mode first has `N_FIRST_GUESSES` guesses. If no guess has an optimum, or if no
-        optimum can be refined, the relaxed modes are solved. If a relaxed optimum then nearly meets
-        the targets, the exact stage resumes from that optimum, and from the guesses that are left.
+        Unless their number is given, the exact mode first has `N_FIRST_GUESSES` guesses. If no
+        guess has an optimum, or if no optimum can be refined, the relaxed modes are solved. If a
+        relaxed optimum then nearly meets the targets, the exact stage resumes from that optimum,
+        and from the guesses that are left.
         """
         unstable = False
         # The exact stage, if it ended without a result and was not resumed.
