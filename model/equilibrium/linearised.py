@@ -92,11 +92,11 @@ class Equilibrium:
         """The LU factors of the Jacobian by the states; None if singular."""
         if self.linearised_at:
             return self.linearised_at.factor
-        at = self.system.layout.band
-        stored = np.zeros(self.system.layout.n_states * at.height)
-        stored[at.stored] = self.nonzeros[at.inside]
-        columns = stored.reshape(-1, at.height).T
-        factors, pivots, info = dgbtrf(columns, at.below, at.above, overwrite_ab=1)
+        band = self.system.layout.band
+        stored = np.zeros(self.system.layout.n_states * band.height)
+        stored[band.stored] = self.nonzeros[band.inside]
+        columns = stored.reshape(-1, band.height).T
+        factors, pivots, info = dgbtrf(columns, band.below, band.above, overwrite_ab=1)
         return None if info != 0 or not np.all(np.isfinite(factors)) else (factors, pivots)
 
     def solve(self, right: Array, transposed: bool = False) -> Array:
@@ -107,12 +107,14 @@ class Equilibrium:
         """
         if self.factor is None:
             raise SingularError("the equations of equilibrium are singular: the arm buckles")
-        (factors, pivots), at = self.factor, self.system.layout.band
-        before, after = at.equations, at.states
-        if transposed:
-            before, after = after, before
-        ordered, trans = np.asfortranarray(right[before]), int(transposed)
-        solution, _ = dgbtrs(factors, at.below, at.above, ordered, pivots, trans, overwrite_b=1)
+        factors, pivots = self.factor
+        band = self.system.layout.band
+        before = band.states if transposed else band.equations
+        after = band.equations if transposed else band.states
+        ordered = np.asfortranarray(right[before])
+        solution, _ = dgbtrs(
+            factors, band.below, band.above, ordered, pivots, int(transposed), overwrite_b=1
+        )
         result: Array = np.empty_like(solution)
         result[after] = solution
         return result
@@ -128,9 +130,10 @@ class Equilibrium:
         The unknowns `first` to `last` - 1 are tensions and the load factor. Raise SingularError if
         the Jacobian is singular.
         """
-        at, right = self.system.layout.band, np.zeros((self.system.layout.n_states, last - first))
-        inside = (at.columns >= first) & (at.columns < last)
-        right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
+        band = self.system.layout.band
+        right = np.zeros((self.system.layout.n_states, last - first))
+        selected = (band.columns >= first) & (band.columns < last)
+        right[band.rows[selected], band.columns[selected] - first] = self.nonzeros[selected]
         return -self.solve(right)
 
     def relinearised(self) -> Equilibrium:
@@ -145,9 +148,11 @@ class Equilibrium:
         `direction` (n_tendons + 1,) are changes of tensions [N] and load factor. Raise
         SingularError if the Jacobian is singular.
         """
-        at, right = self.system.layout.band, np.zeros(self.system.layout.n_states)
-        inside = at.columns < self.system.layout.n_before_states
-        np.add.at(right, at.rows[inside], self.nonzeros[inside] * direction[at.columns[inside]])
+        band = self.system.layout.band
+        right = np.zeros(self.system.layout.n_states)
+        selected = band.columns < self.system.layout.n_before_states
+        values = self.nonzeros[selected] * direction[band.columns[selected]]
+        np.add.at(right, band.rows[selected], values)
         return -self.solve(right)
 
     @cached_property
@@ -173,11 +178,14 @@ class Equilibrium:
     @cached_property
     def extremes(self) -> Extremes:
         """Least stretch at stages and ends of elements, and largest curvature at stages."""
-        of, at, s = self.system.layout, self.system.sections, self.system.mesh.s
-        _, xi, k, q = reported(of.structure.law, self.states[of.stages])[:, :4].T
-        ends = gauss(of.structure.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
-        places = np.concatenate([at.s, s[:-1], s[1:]])
-        return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), at.stations.radius)
+        layout = self.system.layout
+        sections = self.system.sections
+        s = self.system.mesh.s
+        _, xi, k, q = reported(layout.structure.law, self.states[layout.stages])[:, :4].T
+        weights = gauss(layout.structure.stages).at(np.array([0.0, 1.0]))
+        ends = weights @ q.reshape(layout.elements, -1).T
+        places = np.concatenate([sections.s, s[:-1], s[1:]])
+        return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), sections.stations.radius)
 
     @cached_property
     def jump(self) -> float | None:
@@ -186,15 +194,16 @@ class Equilibrium:
         A cross-section may have two equilibria if it bends around a tendon, and the arm may change
         from one to the other. No mesh has a node at such a place, so that errors fall by order one.
         """
-        of, at = self.system.layout, self.system.sections
-        _, xi, k, q = reported(of.structure.law, self.states[of.stages])[:, :4].T
-        radius = at.stations.radius
+        layout = self.system.layout
+        sections = self.system.sections
+        _, xi, k, q = reported(layout.structure.law, self.states[layout.stages])[:, :4].T
+        radius = sections.stations.radius
         values = np.array([radius * xi, radius * k, q])
         change = np.abs(np.diff(values)).max(axis=0)
-        is_inside = np.arange(1, at.s.size) % of.structure.stages > 0
-        is_near = np.diff(at.s) < JUMP_WIDTH * radius[1:]
+        is_inside = np.arange(1, sections.s.size) % layout.structure.stages > 0
+        is_near = np.diff(sections.s) < JUMP_WIDTH * radius[1:]
         jumps = np.where(is_inside & is_near, change, 0.0)
-        return float(at.s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
+        return float(sections.s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
 
     @property
     def snaps(self) -> tuple[float, ...]:
@@ -250,12 +259,12 @@ def linearised(
 AnyEquilibrium = Equilibrium | Marched
 
 
-def check_stretch(at: AnyEquilibrium) -> None:
+def check_stretch(equilibrium: AnyEquilibrium) -> None:
     """Raise an error if the least stretch is undefined or too small.
 
     UnsettledSectionError if a cross-section has no equilibrium; CollapsedError if 1 + q reaches 0.
     """
-    s, stretch, *_ = at.extremes
+    s, stretch, *_ = equilibrium.extremes
     if math.isnan(stretch):
         raise UnsettledSectionError(s)
     if not stretch > LEAST_STRETCH:

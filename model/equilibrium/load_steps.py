@@ -251,28 +251,28 @@ class Collocation:
 
         Without loads, each cross-section is in equilibrium by itself.
         """
-        at = self.system
-        is_unique = not self._loaded or has_unique_equilibrium(at.arm, at.scene)
+        system = self.system
+        is_unique = not self._loaded or has_unique_equilibrium(system.arm, system.scene)
         unpulled = None if is_unique else self._under_loads
         history: History = "loads first" if is_unique else "tensions first"
-        strains = at.sections.unloaded(tensions)
+        strains = system.sections.unloaded(tensions)
         lost = np.asarray(np.isnan(strains).any(axis=2), dtype=bool)
         some = ~lost.any(axis=1)
         T = tensions[some]
         v = strains[some]
-        crushed: list[CrushedCheck] = [partial(at.sections.crushed, each) for each in v]
+        crushed: list[CrushedCheck] = [partial(system.sections.crushed, each) for each in v]
         followed = list[BranchEnd]()
         if len(T):
-            x = at.x(T, 1.0 - self._loaded, at.initial_states(T, v))
+            x = system.x(T, 1.0 - self._loaded, system.initial_states(T, v))
             if self._loaded:
-                points, _ = linearised(at, x, [None] * len(x))
+                points, _ = linearised(system, x, [None] * len(x))
                 starts = [BranchEnd(replace(point, history=history), 0.0) for point in points]
                 lines = self._line(T, 0.0), self._line(T, 1.0)
                 followed = continue_branches(
                     starts, lines, LEAST_STEP, crushed, tolerance_factor, MAX_TOLERANCE_FACTOR
                 )
             else:
-                followed = [BranchEnd(Equilibrium(at, row), 1.0) for row in x]
+                followed = [BranchEnd(Equilibrium(system, row), 1.0) for row in x]
         known = iter(zip(followed, crushed, strict=True))
         before = ""
         if unpulled is not None and tensions.any():
@@ -282,7 +282,7 @@ class Collocation:
         ends = list[Equilibrium | OctoplanError]()
         for sections in lost:
             if sections.any():
-                ends.append(UnsettledSectionError(float(at.s[np.argmax(sections)])))
+                ends.append(UnsettledSectionError(float(system.s[np.argmax(sections)])))
                 continue
             end, fails = next(known)
             if end.fraction == 1.0:

@@ -88,7 +88,7 @@ class _Kinematics:
 
     Attributes
     ----------
-    first : (3, 3)
+    frame_at_node : (3, 3)
         Frame at the first node.
     frames : list of (3, 3)
         Frames at the stages, relative to the first node.
@@ -100,7 +100,7 @@ class _Kinematics:
         Residuals of the quaternion (4,) and the position (3,) at the last node.
     """
 
-    first: ca.SX
+    frame_at_node: ca.SX
     frames: list[ca.SX]
     strains: list[tuple[ca.SX, ca.SX]]
     tangents: list[ca.SX]
@@ -118,13 +118,13 @@ def _kinematics(
     frames = [unit_matrix(quaternion) for quaternion in to_stages]
     pairs = zip(frames, strains, strict=True)
     tangents = [intermediates.define(R @ nu) for R, (_, nu) in pairs]
-    first = unit_matrix(x.q)
+    frame_at_node = unit_matrix(x.q)
     mean_tangent = intermediates.define(weighted_sum(gauss(structure.stages).b, tangents))
     rows = [
         x.q_next - multiply(x.q, across),
-        x.u_next - x.u - x.h * first @ mean_tangent,
+        x.u_next - x.u - x.h * frame_at_node @ mean_tangent,
     ]
-    return _Kinematics(first, frames, strains, tangents, rows)
+    return _Kinematics(frame_at_node, frames, strains, tangents, rows)
 
 
 def _balance_rows(
@@ -134,7 +134,7 @@ def _balance_rows(
     intermediates: Intermediates,
 ) -> ca.SX:
     """Return the residuals of M_k and F_k, and the rows of the stages."""
-    from_base = BaseVectors(kinematics.first, intermediates)
+    from_base = BaseVectors(kinematics.frame_at_node, intermediates)
     sections = [
         SectionView(
             strains=x.v[:, i],
@@ -153,7 +153,7 @@ def _balance_rows(
     loads = [_load(structure, x, section, i) for i, section in enumerate(sections)]
     if structure.has_force:
         loads = [intermediates.define(load) for load in loads]
-    F, force_rows = _forces(structure, x, kinematics.first, loads, intermediates)
+    F, force_rows = _forces(structure, x, kinematics.frame_at_node, loads, intermediates)
     M, moment_row = _moments(structure, x, kinematics, F, intermediates)
     stage_rows = []
     for i, section in enumerate(sections):
@@ -170,8 +170,8 @@ def _balance_rows(
 class BaseVectors:
     """Rotation from the base frame to the frame at the first node; vectors are rotated once."""
 
-    def __init__(self, first: ca.SX, intermediates: Intermediates) -> None:
-        self._first = first
+    def __init__(self, frame_at_node: ca.SX, intermediates: Intermediates) -> None:
+        self._frame_at_node = frame_at_node
         self._intermediates = intermediates
         self._rotated = list[tuple[ca.SX, ca.SX]]()
 
@@ -180,7 +180,7 @@ class BaseVectors:
         for given, rotated in self._rotated:
             if given is vector:
                 return rotated
-        rotated = self._intermediates.define(self._first.T @ vector)
+        rotated = self._intermediates.define(self._frame_at_node.T @ vector)
         self._rotated.append((vector, rotated))
         return rotated
 
@@ -226,7 +226,7 @@ def _load(structure: RodStructure, x: ElementSymbols, section: SectionView, stag
 def _forces(
     structure: RodStructure,
     x: ElementSymbols,
-    first: ca.SX,
+    frame_at_node: ca.SX,
     loads: list[ca.SX],
     intermediates: Intermediates,
 ) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -235,14 +235,14 @@ def _forces(
     F_next = x.w_next[3:] if structure.has_force else ca.SX.zeros(3)
     F = []
     for dead in ca.horzsplit(x.dead):
-        F.append(intermediates.define(first.T @ (x.load_factor * dead + x.force + F_next)))
+        F.append(intermediates.define(frame_at_node.T @ (x.load_factor * dead + x.force + F_next)))
     if not structure.has_force:
         return F, []
     F = [
         intermediates.define(dead + x.h * weighted_sum(method.b - a, loads))
         for dead, a in zip(F, method.a, strict=True)
     ]
-    return F, [x.w[3:] - F_next - x.h * first @ weighted_sum(method.b, loads)]
+    return F, [x.w[3:] - F_next - x.h * frame_at_node @ weighted_sum(method.b, loads)]
 
 
 def _moments(
@@ -258,7 +258,7 @@ def _moments(
     rates = [intermediates.define(ca.cross(tangent, force)) for tangent, force in pairs]
     M_next = x.w_next[:3] + x.moment
     mean_rate = intermediates.define(weighted_sum(method.b, rates))
-    row = x.w[:3] - M_next - x.h * kinematics.first @ mean_rate
-    M_local = intermediates.define(kinematics.first.T @ M_next)
+    row = x.w[:3] - M_next - x.h * kinematics.frame_at_node @ mean_rate
+    M_local = intermediates.define(kinematics.frame_at_node.T @ M_next)
     M = [intermediates.define(M_local + x.h * weighted_sum(method.b - a, rates)) for a in method.a]
     return M, row

@@ -28,8 +28,16 @@ def rod_parameters(
 ) -> ParameterValues:
     """Return the parameter values of the equations of equilibrium.
 
-    By the cross-sections at the stages, all terms, and the terms of each node group. A parameter
-    of all stages of an element has their values behind each other.
+    A parameter of the stages of an element contains the values of its stages one after the other.
+
+    Parameters
+    ----------
+    sections : Sections
+        The cross-sections at the stages.
+    terms : tuple of RodTerm
+        All terms of the rod.
+    node_terms : list of list of RodTerm
+        The terms of each node group.
     """
     structure = layout.structure
     points = RodPoints(arm, sections.stations, terms)
@@ -125,7 +133,8 @@ def _by_passage(values: Values, layout: Layout) -> Values:
     k, j = layout.passages
     place = np.zeros((layout.elements * m, layout.n_tendons), np.int64)
     place[stage, tendon] = np.arange(stage.size)
-    at = place[k[:, None] * m + np.arange(m), j[:, None]]
+    chosen = place[k[:, None] * m + np.arange(m), j[:, None]]
     return {
-        name: value[:, at].transpose(2, 0, 1).reshape(-1, k.size) for name, value in values.items()
+        name: value[:, chosen].transpose(2, 0, 1).reshape(-1, k.size)
+        for name, value in values.items()
     }
