@@ -1,6 +1,6 @@
 """The base class of effects: frozen values, each with the rules and hooks of one effect.
 
-A complete example of a new effect with its rod term is tests/model/test_magnetic_tip.py.
+A complete example of a new effect with its rod term is tests/core/model/test_magnetic_tip.py.
 """
 
 from __future__ import annotations

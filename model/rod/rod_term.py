@@ -5,7 +5,7 @@ return SX expressions are evaluated once for each structure, and the members tha
 each arm and mesh. A term depends neither on the mesh, nor on the order of the unknowns, nor on the
 solver. The default of each member contributes nothing.
 
-A complete example of a new effect with its rod term is tests/model/test_magnetic_tip.py.
+A complete example of a new effect with its rod term is tests/core/model/test_magnetic_tip.py.
 """
 
 from __future__ import annotations
