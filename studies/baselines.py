@@ -1,19 +1,21 @@
-"""What a user writes without this project, for comparison: SciPy by shooting.
+"""Reference solvers that a user could write without this project: shooting with SciPy.
 
-NumPy and SciPy only; nothing of `octoplan.model` or `octoplan.planner` but the numbers of the arm.
+The module uses only NumPy and SciPy. From `octoplan` only the parameters of the arm are used.
 
-Without loads: the closed-form strains. With loads: the paper's consistent statics with extension,
-weight in a fluid and a dead force at the tip. Such loads are known along the arm before its shape
-is: F(s) is a polynomial; M' = -u' x F, M = 0 at the tip.
+Without loads the strains have a closed form. With loads the model is the paper's consistent statics
+with extension, weight in a fluid and a dead force at the tip. The internal force F(s) does not
+depend on the shape, because the loads are dead: F(s) is a polynomial. The moment follows from
+M' = -u' x F, with M = 0 at the tip.
 
-In silicone: exact tendons on a neo-Hookean body, its weight in a fluid and a dead force at the tip.
-Each cross-section settles by Newton's method: with the stretch l, b = l^(-1/2) kappa and c a
-tendon's tangent, where
+In silicone the model has exact tendons, a neo-Hookean body, weight in a fluid and a dead force at
+the tip. Newton's method solves each cross-section for the stretch l and b = l^(-1/2) kappa, which
+minimise
 
     EA (l^2 + 2/l) / 6 + EJ (1 + 2/l^3) b_bend^2 / 6 + GI b_t^2 / 2
         + sum T |c| - l^(1/2) m . b - F_t l
 
-is least, m and F_t the moment and the pull of the loads beyond.
+Here c is the tangent of a tendon, and m and F_t are the moment and the axial force of the loads
+between the cross-section and the tip.
 """
 
 from __future__ import annotations
@@ -34,26 +36,31 @@ Array = NDArray[np.float64]
 
 
 class ScipyCone:
-    """A conical arm with linear offsets, whose numbers are worked out beforehand.
+    """A conical arm with linear offsets and precomputed parameters.
 
-    `rhs` counts the right-hand sides that were evaluated.
+    `rhs` counts the evaluations of the right-hand side.
     """
 
     def __init__(self, arm: Arm) -> None:
-        self.arm, self.rhs, self.base = arm, 0, np.array(arm.base_frame)
+        self.arm = arm
+        self.rhs = 0
+        self.base = np.array(arm.base_frame)
         at = np.array([section.at for section in arm.sections])
-        of = np.array([i for i, _ in arm.tendons])
+        section_of = np.array([i for i, _ in arm.tendons])
         phi = np.array([angle for _, angle in arm.tendons])
-        self.cos, self.sin, self.ends = np.cos(phi), np.sin(phi), at[of]
+        self.cos = np.cos(phi)
+        self.sin = np.sin(phi)
+        self.ends = at[section_of]
         offsets = np.array(
             [sec.offset.evaluate(np.array([0, sec.at]), sec.at)[0] for sec in arm.sections]
         )
-        self.y0, self.slope = offsets[of, 0], (np.diff(offsets)[:, 0] / at)[of]
+        self.y0 = offsets[section_of, 0]
+        self.slope = (np.diff(offsets)[:, 0] / at)[section_of]
         self.R0, self.R1 = arm.radius.evaluate(np.array([0, arm.length]), arm.length)[0].tolist()
         self.breaks = np.array(sorted({0.0, arm.length, *at.tolist()}))
 
     def radius(self, s: Any) -> tuple[Array, float]:
-        """Return the radius at arc lengths s [m], and its slope."""
+        """Return the radius at arc lengths s [m] and the slope of the taper."""
         slope = (self.R1 - self.R0) / self.arm.length
         return self.R0 + slope * np.asarray(s), slope
 
@@ -98,12 +105,15 @@ class ScipyArm(ScipyCone):
         return (1 + q) * rate
 
     def least_stretch(self, T: Array) -> float:
-        """Return the least 1 + q at both ends of each segment, where it is least as arms taper."""
+        """Return the least stretch 1 + q, evaluated at the ends of the segments.
+
+        On a tapered arm the minimum over each segment is at one of the ends.
+        """
         pairs = list(pairwise(self.breaks))
         return min(1 + self.strains(s, self._crossing(T, p[1]))[2] for p in pairs for s in p)
 
     def tip_jacobian(self, T: Array, rtol: float, steps: Array, central: bool) -> Array:
-        """Return how the tip moves with each tension (3, n) [m/N], by differences of `steps`."""
+        """Return the tip Jacobian (3, n) [m/N] from finite differences with `steps` [N]."""
         here = None if central else self.tip(T, rtol=rtol)
         columns = []
         for change, step in zip(np.diag(steps), steps, strict=True):
@@ -123,9 +133,10 @@ class ScipyArm(ScipyCone):
         rtol: float = 1e-8,
         within: float = 1e-6,
     ) -> tuple[Array, float, bool]:
-        """Return (tensions, distance to the point [m], success) by SLSQP, finite differences.
+        """Return (tensions, distance to the point [m], success) from SLSQP with finite differences.
 
-        Success is SLSQP's word, a tip within that share of L, and an arm that is not crushed.
+        Success requires that SLSQP reports convergence, that the distance is less than `within`
+        times L, and that no cross-section is crushed.
         """
         L = self.arm.length
         result: Any = minimize(
@@ -143,7 +154,7 @@ class ScipyArm(ScipyCone):
     def plan_tip_from(
         self, point: Array, upper: float, starts: Iterable[Array]
     ) -> tuple[Array, bool]:
-        """Return (tensions, success) of the first start that leads to the point."""
+        """Return (tensions, success) of the first start from which SLSQP reaches the point."""
         for start in starts:
             T, _, solved = self.plan_tip(point, upper, start)
             if solved:
@@ -152,20 +163,25 @@ class ScipyArm(ScipyCone):
 
 
 class ScipyLoadedArm(ScipyCone):
-    """Under tensions, a tip force [N] and gravity [m/s2], which are applied in `steps`.
+    """A conical arm under tensions, a tip force [N] and gravity [m/s2].
 
-    A state is frame (9, by rows), moment of the loads beyond (3) and position (3), base frame.
+    The loads are applied in `steps` load steps. A state contains the frame (9, by rows), the moment
+    of the loads towards the tip (3) and the position (3), in the base frame.
     """
 
     def __init__(
         self, arm: Arm, force: Array, gravity: Array, fluid: float = 0.0, steps: int = 1
     ) -> None:
         super().__init__(arm)
-        self.force, self.steps = force, steps
+        self.force = force
+        self.steps = steps
         self.spread = np.pi * (arm.material.density - fluid) * gravity
 
     def rate(self, s: Any, x: Array, T: Array, share: float) -> Array:
-        """Return the derivative of states (15, N) at arc lengths s (N,), tensions T crossing."""
+        """Return the derivative of the states (15, N) at arc lengths s (N,).
+
+        T are the tensions at s: zero for tendons that end before s.
+        """
         self.rhs += np.size(s)
         E, G = self.arm.material.E, self.arm.material.G
         r, c = self.radius(s)
@@ -192,7 +208,7 @@ class ScipyLoadedArm(ScipyCone):
         return np.concatenate([(grow * turned).reshape(9, -1), moment, u])
 
     def _sweep(self, tip: Array, T: Array, share: float, rtol: float, method: str) -> Array:
-        """Return the state (15,) at the base for a frame of the tip, which is at the origin."""
+        """Return the state (15,) at the base, integrated from a tip frame at the origin."""
         x = np.concatenate([tip.ravel(), np.zeros(6)])
 
         def rate(s: float, x: Array, crossing: Array) -> Array:
@@ -205,7 +221,10 @@ class ScipyLoadedArm(ScipyCone):
         return np.asarray(x)
 
     def shoot(self, T: Array, rtol: float, method: str = "DOP853") -> Array:
-        """Return the tip: the frame of the tip is what makes the base end in its clamp."""
+        """Return the tip position (3,) [m].
+
+        Shooting solves for the tip frame that yields the clamped frame at the base.
+        """
         free = self._sweep(np.eye(3), T, 0.0, rtol, method)[:9].reshape(3, 3)
         tip = self.base @ free.T
         for share in np.linspace(0, 1, self.steps + 1)[1:]:
@@ -221,11 +240,16 @@ class ScipyLoadedArm(ScipyCone):
         return np.asarray(np.array(self.arm.base_position) - end[12:])
 
 
-_STEPS, _SETTLED, _FARTHEST = 60, 1e-12, 0.3
+# Largest number of Newton steps for a cross-section.
+_STEPS = 60
+# Largest Newton step of a solved cross-section, relative to the stretch.
+_STEP_TOL = 1e-12
+# Largest Newton step, as a share of the stretch. Longer steps are shortened.
+_MAX_STEP = 0.3
 
 
 class ScipySiliconeArm(ScipyLoadedArm):
-    """See ScipyLoadedArm; a conical arm of silicone."""
+    """A conical arm of silicone. See ScipyLoadedArm."""
 
     def rate(self, s: Any, x: Array, T: Array, share: float) -> Array:
         """See ScipyLoadedArm.rate."""
@@ -235,7 +259,7 @@ class ScipySiliconeArm(ScipyLoadedArm):
         volume = (self.R1**3 - r**3) / (3 * slope)
         F = share * (self.force[:, None] + self.spread[:, None] * volume)
         m, F_t = np.einsum("ijn,in->jn", frame, M), np.einsum("in,in->n", frame[:, 0], F)
-        z = self._settled(np.atleast_1d(s), np.broadcast_to(r, F_t.shape), m, F_t, T)
+        z = self._solve_sections(np.atleast_1d(s), np.broadcast_to(r, F_t.shape), m, F_t, T)
         kappa, t = z[:, :3].T * np.sqrt(z[:, 3]), frame[:, 0]
         n, b = frame[:, 1], frame[:, 2]
         turned = np.stack(
@@ -245,8 +269,8 @@ class ScipySiliconeArm(ScipyLoadedArm):
         u = z[:, 3] * t
         return np.concatenate([turned.reshape(9, -1), np.cross(F.T, u.T).T, u])
 
-    def _settled(self, s: Array, r: Array, m: Array, F_t: Array, T: Array) -> Array:
-        """Return b (3,) and l of each cross-section (N, 4)."""
+    def _solve_sections(self, s: Array, r: Array, m: Array, F_t: Array, T: Array) -> Array:
+        """Return b (3,) and the stretch l of each cross-section (N, 4)."""
         E, G = self.arm.material.E, self.arm.material.G
         EA, EJ, GI = E * np.pi * r**2, E * np.pi * r**4 / 4, G * np.pi * r**4 / 2
         z = np.zeros((len(r), 4))
@@ -269,16 +293,18 @@ class ScipySiliconeArm(ScipyLoadedArm):
             H[:, 3, 3] += work / (4 * stretch * root)
             step = -np.linalg.solve(H, g[:, :, None])[:, :, 0]
             size = np.abs(step * unit).max(1)
-            z += step * np.minimum(1.0, _FARTHEST * stretch / np.maximum(size, 1e-300))[:, None]
-            if size.max() < _SETTLED:
+            z += step * np.minimum(1.0, _MAX_STEP * stretch / np.maximum(size, 1e-300))[:, None]
+            if size.max() < _STEP_TOL:
                 return z
-        raise RuntimeError("a cross-section does not settle")
+        raise RuntimeError("Newton's method did not converge for a cross-section")
 
     def _tendons(self, z: Array, s: Array, T: Array) -> tuple[Array, Array]:
-        """Return gradient (N, 4) and Hessian (N, 4, 4) of sum T |c| at z (N, 4)."""
+        """Return the gradient (N, 4) and the Hessian (N, 4, 4) of sum T |c| at z (N, 4)."""
         y, rate = self.y0 + self.slope * s[:, None], np.broadcast_to(self.slope, (len(s), T.size))
-        one, none, stretch = np.ones_like(y), np.zeros_like(y), z[:, 3, None]
-        along = np.stack([none, y * self.sin, -y * self.cos, one], 2)
+        one = np.ones_like(y)
+        zero = np.zeros_like(y)
+        stretch = z[:, 3, None]
+        along = np.stack([zero, y * self.sin, -y * self.cos, one], 2)
         a = (along * z[:, None, :]).sum(2)
         length = np.sqrt(a**2 + rate**2 / stretch + (y * z[:, :1]) ** 2)
         p = a[:, :, None] * along
@@ -292,18 +318,20 @@ class ScipySiliconeArm(ScipyLoadedArm):
         return np.einsum("i,nij->nj", T, unit), np.einsum("i,nijk->njk", T, bent)
 
 
+# Strains of the SoRoMoX segments: torsion, two bending curvatures and extension.
 _STRAINS = ("kappa_x", "kappa_y", "kappa_z", "sigma_x")
+# Largest number of Newton steps with SoRoMoX.
 _NEWTON = 30
 
 
 def soromox_tip(arm: Arm, order: int) -> Callable[[Array], Array]:
-    """Return (tensions (n,)) -> tip (3,) [m] for a conical arm, by strains of a polynomial order.
+    """Return the compiled map (tensions (n,)) -> tip (3,) [m] of a conical arm with SoRoMoX.
 
-    By SoRoMoX, piecewise polynomial strains in JAX: what a user of that library writes,
-    `pip install -e ".[soromox]"`. Tendons there have their unit tangent and the section is linear,
-    so that its statics are those of `Scene(Extension(), ExactTendons())`. Source: A. T. Mathew et
-    al., "Reduced order modeling of hybrid soft-rigid robots", Int. J. Robotics Research 44 (2025).
-    Newton's method on the generalized forces, compiled; raises ImportError without SoRoMoX.
+    SoRoMoX (`pip install -e ".[soromox]"`) models piecewise polynomial strains of a given order in
+    JAX. Tendons follow their unit tangent and the cross-section is linear, so that the statics are
+    those of `Scene(Extension(), ExactTendons())`. Newton's method solves for the generalised
+    forces. Raise ImportError if SoRoMoX is not installed. Source: A. T. Mathew et al., "Reduced
+    order modeling of hybrid soft-rigid robots", Int. J. Robotics Research 44 (2025).
     """
     import jax
     import jax.numpy as jnp
@@ -321,11 +349,11 @@ def soromox_tip(arm: Arm, order: int) -> Callable[[Array], Array]:
             change = jnp.linalg.solve(jax.jacfwd(residual)(q, T), residual(q, T))
             return q - change, jnp.abs(change).max(), count + 1
 
-        def going(state: Any) -> Any:
+        def is_iterating(state: Any) -> Any:
             return (state[1] > 1e-11) & (state[2] < _NEWTON)
 
         start = (jnp.zeros(robot.num_internal_dofs), jnp.inf, 0)
-        q, _, _ = jax.lax.while_loop(going, step, start)
+        q, _, _ = jax.lax.while_loop(is_iterating, step, start)
         return robot.forward_kinematics_tips(q)[-1][:3, 3]
 
     frame, origin = np.array(arm.base_frame), np.array(arm.base_position)
@@ -333,7 +361,7 @@ def soromox_tip(arm: Arm, order: int) -> Callable[[Array], Array]:
 
 
 def _robot(arm: Arm, order: int) -> Any:
-    """Return the arm in its own base frame, a segment between anchorages."""
+    """Return the arm in its own base frame, with one segment between two anchorages."""
     from soromox.actuation import ThreadlikeActuator, ThreadlikeRouting
     from soromox.systems.components import JointSpec, LinearProfile, LinkSpec
     from soromox.systems.gvs import GVS, GVSSegment, StrainBasisSpec

@@ -1,15 +1,15 @@
-"""Where is the bending-plane law of section 6.1 exact, and how far off does it get?
+"""How accurate is the bending-plane law of section 6.1, in theory and on a measured arm?
 
-Question: the law says that pulling neighbouring tendons with T_i3 - T_i1 : T_i2 - T_i4 as
-sin : cos of an angle bends the arm in the plane of that angle. How far is the settled plane from
-it, over angle and tension, in each of the statics; which tensions hit the plane exactly; and how
-far is a measured arm from the law?
+Question: According to the law, tensions with T_i3 - T_i1 : T_i2 - T_i4 = sin : cos of an angle bend
+the arm in the plane of that angle. How far does the plane of the equilibrium deviate, over angle
+and tension, for each statics? Which tensions bend the arm exactly in the plane? How far does a
+measured arm deviate?
 
-Assumptions: table 2; section 1; the plane is the direction in which the tip goes (figure 10). The
-measured arm is that of tests/data/measured_tentacle.json, in the shapes with both tendons pulled:
-for tendons at any angles the law says that it bends towards the sum of the tendons' sides times
-their tensions. Its plane is that of the tip marker, seen from the base along the arm at rest; a
-turn of the base about it is common to all shapes.
+Assumptions: Section 1 of the arm of table 2. The plane is the direction in which the tip moves
+(figure 10). The measured arm is that of tests/data/measured_tentacle.json, in the shapes with two
+taut tendons. For tendons at any angles the law predicts a bend towards the sum of the tendons'
+directions times tensions. The measured plane is the direction of the tip marker, seen from the base
+along the arm at rest. A rotation of the base about this axis is the same in all shapes.
 
 Command: python -m studies.bending_plane [--angles 24] [--out out]
 
@@ -38,12 +38,15 @@ STATICS = {
     "as printed": Scene.as_printed(),
 }
 TENSIONS = (0.05, 0.5, 1.0, 2.0, 4.0)
-# The number of the tip's marker.
+# Index of the marker at the tip.
 TIP = 3
 
 
 def pull(arm: Arm, angle: float, tension: float, section: int = 1) -> Array:
-    """Return the tensions of the law: T_i2 = T cos, T_i3 = T sin, and T_i4, T_i1 for negatives."""
+    """Return the tensions of the law [N]: T_i2 = T cos and T_i3 = T sin.
+
+    Negative values become tensions of the opposite tendons, T_i4 and T_i1.
+    """
     T = np.zeros((len(arm.sections), 4))
     cos, sin = tension * np.cos(angle), tension * np.sin(angle)
     T[section - 1] = [max(-sin, 0), max(cos, 0), max(sin, 0), max(-cos, 0)]
@@ -51,21 +54,22 @@ def pull(arm: Arm, angle: float, tension: float, section: int = 1) -> Array:
 
 
 def plane_of(arm: Arm, tip: Array) -> float:
-    """Return the angle of the plane that the tip has gone in, as figure 10 counts it [rad]."""
+    """Return the angle of the plane in which the tip has moved, as in figure 10 [rad]."""
     _, n, b = np.array(arm.base_frame).T @ (tip - np.array(arm.base_position))
     return float(np.arctan2(-n, b))
 
 
 def deviation(arm: Arm, angle: float, tension: float, scene: Scene) -> float:
-    """Return how far the settled plane is from the law's [deg]."""
+    """Return the plane of the equilibrium minus the plane of the law [deg]."""
     tip = settle(arm, pull(arm, angle, tension), scene, 1e-9).tip
     gap = plane_of(arm, tip) - angle
     return float(np.degrees(np.angle(np.exp(1j * gap))))
 
 
 def sweep(angles: Array) -> dict[str, Array]:
-    """Return deviations [deg] (tensions, angles) for each statics; NaN where crushed."""
-    arm, table = Arm.from_paper("table-2"), {}
+    """Return deviations [deg] (tensions, angles) for each statics; NaN if the arm is crushed."""
+    arm = Arm.from_paper("table-2")
+    table = {}
     for name, scene in STATICS.items():
         rows = np.full((len(TENSIONS), len(angles)), np.nan)
         for i, tension in enumerate(TENSIONS):
@@ -79,7 +83,7 @@ def sweep(angles: Array) -> dict[str, Array]:
 
 
 def planned(angles: Array, bends: Sequence[float], scene: Scene) -> list[tuple[int, Plan]]:
-    """Return plans that hit each plane and bend, for each starting section."""
+    """Return (starting section, plan) for each plane, bend and starting section."""
     arm = Arm.from_paper("table-2")
     return [
         (section, plan(arm, BendingPlane(float(angle), bend, section), scene))
@@ -90,13 +94,13 @@ def planned(angles: Array, bends: Sequence[float], scene: Scene) -> list[tuple[i
 
 
 def neighbours(tensions: Array) -> bool:
-    """Return whether no two opposite tendons, and no more than two, pull."""
+    """Return whether at most two tendons pull, and no two opposite ones."""
     pulls = tensions > 0
     return bool(pulls.sum() <= 2 and not (pulls[0] and pulls[2]) and not (pulls[1] and pulls[3]))
 
 
 def report_plans(results: list[tuple[int, Plan]]) -> None:
-    """Print how well the planned tensions do, by section and bend."""
+    """Print the errors of the plans for each section and bend."""
     for section in (1, 2, 3):
         plans = [p for i, p in results if i == section]
         for bend in sorted({p.targets[0].bend for p in plans}):
@@ -111,26 +115,29 @@ def report_plans(results: list[tuple[int, Plan]]) -> None:
             print(f"section {section} bend {np.degrees(bend):4.0f}:", end=" ")
             print(f"{len(good):2d} of {len(group)} reached,", end=" ")
             print(f"plane off by {plane.max(initial=0):.1e} deg,", end=" ")
-            print(f"bend by {residual.max(initial=0):.1e} deg", end=" ")
-            print(f"(unsigned angle by {np.abs(unsigned).max(initial=0):.1e}),", end=" ")
-            print(f"{sides} of {len(good)} with neighbours only")
+            print(f"bend off by {residual.max(initial=0):.1e} deg", end=" ")
+            print(f"(unsigned angle {np.abs(unsigned).max(initial=0):.1e}),", end=" ")
+            print(f"{sides} of {len(good)} with neighbouring tendons only")
 
 
 def law(arm: Arm, tensions: Array) -> float:
-    """Return the angle from n towards b of the sum of the tendons' sides times tensions [deg]."""
+    """Return the angle, from n towards b, of the sum of tendon directions times tensions [deg]."""
     angles = np.array([phi for _, phi in arm.tendons])
     pull = tensions @ np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return float(np.degrees(np.arctan2(pull[1], pull[0])))
 
 
 def seen_from_base(arm: Arm, place: Array) -> float:
-    """Return the angle from n towards b in which a place is seen from the base [deg]."""
+    """Return the angle, from n towards b, of the direction from the base to a point [deg]."""
     _, n, b = np.array(arm.base_frame).T @ (place - np.array(arm.base_position))
     return float(np.degrees(np.arctan2(b, n)))
 
 
 def differences() -> tuple[list[Measured], Array]:
-    """Return the shapes of two tendons, and measured and calibrated plane less the law's (N, 2)."""
+    """Return the shapes with two taut tendons and the deviations from the law (N, 2) [deg].
+
+    The columns are the measured plane and the plane of the calibrated arm, both minus the law.
+    """
     arm, measured = shapes()
     fitted = calibrate(arm, LINEAR, measured, [*BODY, *POSE])
     both = [shape for shape in measured if min(shape.tensions) > 0]
@@ -144,22 +151,22 @@ def differences() -> tuple[list[Measured], Array]:
 
 
 def draw(angles: Array, table: dict[str, Array]) -> Figure:
-    """Return the figure: deviation over angle, a line for each tension."""
+    """Return the figure: deviation over angle, one line for each tension."""
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     axes = figure.subplots(1, len(table), sharey=True)
     for ax, (name, rows) in zip(axes, table.items(), strict=True):
         for tension, row in zip(TENSIONS, rows, strict=True):
             ax.plot(np.degrees(angles), row, ".-", ms=4, lw=1, label=f"{tension:g} N")
-        ax.set(title=name, xlabel="angle asked of the law [deg]", xticks=range(-180, 181, 90))
+        ax.set(title=name, xlabel="angle of the law [deg]", xticks=range(-180, 181, 90))
         ax.grid(alpha=0.3)
-    axes[0].set_ylabel("settled plane minus law [deg]")
+    axes[0].set_ylabel("plane of the equilibrium minus law [deg]")
     lines, labels = axes[0].get_legend_handles_labels()
     figure.legend(lines, labels, title="tension", loc="outside right center")
     return figure
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study: print its tables, save its figure."""
+    """Print the tables and save the figure."""
     args = asked(
         __doc__,
         argv,
@@ -180,7 +187,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"planned, {name}")
         report_plans(planned(angles, np.radians([30, 90, 180]).tolist(), STATICS[name]))
     both, off = differences()
-    print("bending plane less the law's [deg]   measured   calibrated")
+    print("bending plane minus law [deg]        measured   calibrated")
     for shape, row in zip(both, off, strict=True):
         print(f"{shape.name:<36}" + "".join(f"{x:10.2f}" for x in row))
     for name, values in (("mean", off.mean(axis=0)), ("standard deviation", off.std(axis=0))):

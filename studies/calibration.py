@@ -1,13 +1,13 @@
-"""Which physics explains a measured soft tentacle, and how well does it predict unseen shapes?
+"""Which physics explains a measured soft tentacle, and how well are unseen shapes predicted?
 
-Question: how far are the markers of the measured shapes of tests/data/measured_tentacle.json (a
-hanging silicone cone with two tendons, motion capture, MIT, SoRoMoX contributors) from those of a
-calibrated rod, in the shapes that it is calibrated with, in each shape by a fit without it, and in
-the shapes of two tendons by a fit to those of one?
+Question: How far are the measured markers of tests/data/measured_tentacle.json (a hanging silicone
+cone with two tendons, motion capture, MIT, SoRoMoX contributors) from the markers of a calibrated
+rod? The study reports the error in the shapes of the fit, in each shape after a fit without this
+shape, and in the shapes with two taut tendons after a fit to the shapes with one.
 
-Assumptions: exact tendons, weight, tensions as commanded; mean distance over markers [mm]. The
-source publishes 15.8 mm for its physics (22 shapes, of which 18 are in the file), and 6.4 mm in
-sample for its neural model.
+Assumptions: Exact tendons, weight, tensions as commanded. Errors are mean distances over markers
+[mm]. The source publishes 15.8 mm for its physics (22 shapes, of which 18 are in the file), and
+6.4 mm in sample for its neural model.
 
 Command: python -m studies.calibration [--models ...] [--out out]
 
@@ -57,7 +57,8 @@ def _marker(point: int, axis: int, session: str | None = None) -> Unknown:
     return Unknown(f"points[{point}].offset_mm[{axis}]", -60, 60, session=session)
 
 
-# By session what moved between them (the second marker), and of the others what a hand misplaces.
+# Errors of marker placement. The second marker moved between sessions, so that its coordinates are
+# unknown in each session; other coordinates are unknown if a placement by hand is inaccurate.
 MARKERS = [
     *(_marker(*each) for each in ((0, 2), (2, 2), (3, 0), (3, 2))),
     *(_marker(1, 0, session) for session in "AB"),
@@ -76,18 +77,22 @@ MODELS: dict[str, tuple[Scene, list[Unknown], Loss]] = {
 
 @dataclass(frozen=True)
 class Row:
-    """A model's mean errors [m], and the share of markers left out that lie in their bands."""
+    """Mean errors of a model [m], and the share of left-out markers inside their bands.
+
+    `in_sample` is the error in the shapes of the fit, `left_out` in each shape after a fit without
+    this shape, and `both` in shapes with two taut tendons after a fit to shapes with one.
+    """
 
     model: str
     unknowns: int
-    inside: float
+    in_sample: float
     left_out: float
-    held: float
+    in_band: float
     both: float
 
 
 def shapes() -> tuple[Arm, list[Measured]]:
-    """Return the tentacle as its authors start with it, and its measured shapes."""
+    """Return the tentacle with the initial parameters of its authors, and the measured shapes."""
     data = json.loads(DATA.read_text())
     tendons = data["geometry"]["tendons"]
     anchorage = Anchorage(
@@ -115,7 +120,7 @@ def shapes() -> tuple[Arm, list[Measured]]:
 
 
 def row(model: str, leave_out: bool) -> tuple[Row, Calibration]:
-    """Return the errors of a model, and its calibration with all shapes."""
+    """Return the errors of a model, and the calibration with all shapes."""
     scene, unknowns, loss = MODELS[model]
     arm, measured = shapes()
     result = calibrate(arm, scene, measured, unknowns, loss=loss)
@@ -133,12 +138,12 @@ def row(model: str, leave_out: bool) -> tuple[Row, Calibration]:
 
 
 def figure(result: Sequence[Calibration], names: Sequence[str]) -> Figure:
-    """Draw the residuals of each marker in each shape, a panel for each model."""
+    """Draw the residuals of each marker in each shape, with one panel for each model."""
     whole = Figure(figsize=(7.0, 2.4 * len(result)), layout="constrained")
     panels = whole.subplots(len(result), 1, squeeze=False)[:, 0]
     for each, name, ax in zip(result, names, panels, strict=True):
         each.plot(ax)
-        ax.set_title(f"{name}: {1e3 * each.mean_error:.3g} mm in the mean", fontsize=9)
+        ax.set_title(f"{name}: mean {1e3 * each.mean_error:.3g} mm", fontsize=9)
     return whole
 
 
@@ -149,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         argv,
         {
             "--models": (list(MODELS), {"choices": list(MODELS)}),
-            "--no-leave-out": (False, {"help": "skip the fits without a shape"}),
+            "--no-leave-out": (False, {"help": "skip the fits that leave out one shape"}),
             "--out": Path("out"),
         },
     )
@@ -158,28 +163,37 @@ def main(argv: Sequence[str] | None = None) -> None:
     all_found = []
     for model in args.models:
         values, result = row(model, not args.no_leave_out)
-        numbers = (1e3 * values.inside, 1e3 * values.left_out, values.held, 1e3 * values.both)
-        print(f"{values.model:<24}{values.unknowns:>12}" + "".join(f"{x:>12.2f}" for x in numbers))
+        cells = (
+            1e3 * values.in_sample,
+            1e3 * values.left_out,
+            values.in_band,
+            1e3 * values.both,
+        )
+        print(f"{values.model:<24}{values.unknowns:>12}" + "".join(f"{x:>12.2f}" for x in cells))
         all_found.append(result)
     path = args.out / "calibration.png"
     figure(all_found, args.models).savefig(path, dpi=110)
     print(f"figure: {path}")
 
 
-AGAIN = 4
+# Number of shapes that the timing study repeats, for as many shapes as in the source.
+REPEATED = 4
 
 
 def repeated_shapes(count: int) -> tuple[Arm, list[Measured]]:
-    """Return the tentacle, whose tendons do not turn, and so many shapes, the first ones again."""
+    """Return the tentacle with straight tendons, and `count` shapes.
+
+    The first REPEATED shapes follow a second time after the measured ones.
+    """
     arm, measured = shapes()
     section = arm.sections[0]
     straight = Anchorage(section.at, section.offset, section.angles)
-    measured += [replace(each, name=f"{each.name} again") for each in measured[:AGAIN]]
+    measured += [replace(each, name=f"{each.name} again") for each in measured[:REPEATED]]
     return replace(arm, sections=(straight,)), measured[:count]
 
 
 def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  # noqa: A002
-    """Return modulus [kPa] and density [kg/m3] by SciPy, counted in what the arm has."""
+    """Return modulus [kPa] and density [kg/m3] from SciPy, scaled by the values of the arm."""
     body = arm.material
     at = np.array([point.s for point in measured[0].points])
     offsets = np.array([point.offset for point in measured[0].points])
@@ -198,16 +212,16 @@ def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  #
 
 
 def fit(argv: Sequence[str] | None = None) -> None:
-    """How much sooner is a calibration than SciPy's least squares over settle?
+    """How fast is a calibration compared with SciPy's least squares over `settle`?
 
-    Question: modulus and density of the measured tentacle of this study from 22 shapes, 18
-    measured ones and the first four again, as the source has so many: how long do `calibrate`
-    and `scipy.optimize.least_squares` take, from the same start?
+    Question: How long do `calibrate` and `scipy.optimize.least_squares` take for the modulus and
+    the density of the measured tentacle, from the same start? The data are 22 shapes, the number
+    in the source: 18 measured ones, and the first four a second time.
 
-    Assumptions: processor time, in turn on one core; SciPy differentiates by differences and
-    settles each shape by `settle` to its default accuracy, 1e-6 of the length, then asks it for
-    the markers' places; `calibrate` to its own, 1e-5, with all that it checks: that shapes are
-    those reached from rest, and how far off its mesh is. Libraries are compiled beforehand.
+    Assumptions: Processor time, both in turn on one core. SciPy uses finite differences and calls
+    `settle` for each shape with the default accuracy, 1e-6 of the length. `calibrate` uses its
+    default accuracy, 1e-5, and includes its checks: the shapes are continuations from rest, and the
+    mesh is fine enough. Libraries are compiled beforehand.
 
     Command: python -m studies.speed fit [--repeats 9]
 
@@ -219,7 +233,7 @@ def fit(argv: Sequence[str] | None = None) -> None:
         {
             "--repeats": 9,
             "--shapes": 22,
-            "--interpreted": (False, {"help": "nothing compiled"}),
+            "--interpreted": (False, {"help": "measure without compiled functions only"}),
         },
         prog="python -m studies.speed fit",
     )
@@ -238,7 +252,7 @@ def fit(argv: Sequence[str] | None = None) -> None:
         print(
             f"{'compiled' if compiled else 'interpreted'}: SciPy {theirs:.2f} s, calibrate "
             f"{median:.3f} s, {theirs / median:.1f} times as fast; modulus {result[0]:.3f} kPa, "
-            f"by SciPy {other[0]:.3f}"
+            f"with SciPy {other[0]:.3f}"
         )
 
 

@@ -1,16 +1,15 @@
-"""Does the planner find its way among obstacles, around itself, and what does that take?
+"""Does the planner avoid obstacles and the arm itself, and what does that cost?
 
-Question: of random reachable tips of the table 4 arm (paper's scene, maxima 20 N) among random
-balls and rods that some arm with that tip does not touch, how many are solved, is any solved
-wrongly, and how much longer does it take than without obstacles? Of random tips, how many does the
-least effort reach through the arm's own body or from behind its base plane, how many of these can
-be reached otherwise, and what does that cost?
+Questions: The targets are random reachable tips of the arm of table 4 (paper's scene, tensions up
+to 20 N) among random balls and rods; for each target a shape is known that touches no obstacle. How
+many targets are solved, is any solved wrongly, and how much longer is the planning time than
+without obstacles? How many plans of least effort pass through the arm itself or through the base
+plane, how many of these tips have another plan, and what does that plan cost?
 
-Assumptions: tips are those of settled shapes, see studies.draws. Obstacles have radii of 10
-to 40 mm and are about the arm: around places of that shape or of the plan without obstacles, within
-60 mm or so; a plan is wrong if it is certified and one of 20 000 places of its midline is nearer to
-an obstacle than the arm's radius there. Times are of the processor, of one process, certificates
-not included.
+Assumptions: Targets are the tips of random equilibria (studies.draws). Obstacles have radii of 10
+to 40 mm and lie within about 60 mm of the known shape or of the plan without obstacles. A plan is
+wrong if its certificate passes and one of 20 000 points of its midline is nearer to an obstacle
+than the radius of the arm. Times are processor times of one process, without certificates.
 
 Command: python -m studies.clutter [--targets 100] [--obstacles 5 10] [--itself 100] [--seed 0]
 
@@ -33,12 +32,18 @@ from octoplan.planner.targets import TipPosition
 from studies import draws
 from studies.reporting import asked, keep_finished
 
-MAXIMUM, SCENE = 20.0, Scene(Extension())
-_SIZES, _SPREAD, _ROOM = (0.01, 0.04), 0.06, 1e-3
+MAXIMUM = 20.0
+SCENE = Scene(Extension())
+# Range of the radii of obstacles [m].
+_SIZES = (0.01, 0.04)
+# Standard deviation of the distance from the arm to the centres of obstacles, per axis [m].
+_SPREAD = 0.06
+# Least clearance of the known shape [m].
+_CLEARANCE = 1e-3
 
 
 def gap(shape: Shape, obstacles: Sequence[Obstacle], count: int = 20_000) -> float:
-    """Return the least distance of the arm's surface from obstacles at so many places [m]."""
+    """Return the least distance of the arm's surface from obstacles, at `count` points [m]."""
     s = np.linspace(0.0, shape.arm.length, 401)
     fine = np.linspace(0.0, shape.arm.length, count)
     x = np.column_stack([np.interp(fine, s, each) for each in shape.position(s).T])
@@ -49,7 +54,7 @@ def gap(shape: Shape, obstacles: Sequence[Obstacle], count: int = 20_000) -> flo
 def clutter(
     arm: Arm, witness: Shape, free: Shape, count: int, rng: np.random.Generator
 ) -> list[Obstacle]:
-    """Return random obstacles about two shapes that one of them, the witness, does not touch."""
+    """Return random obstacles near two shapes; the first shape, `witness`, touches none."""
     results: list[Obstacle] = []
     while len(results) < count:
         shape = (witness, free)[len(results) % 2]
@@ -57,20 +62,20 @@ def clutter(
         center, radius = place + _SPREAD * rng.normal(size=3), rng.uniform(*_SIZES)
         end = center + 0.1 * rng.normal(size=3)
         other = Sphere(center, radius) if rng.random() < 0.5 else Capsule(center, end, radius)
-        if gap(witness, [other], 400) > _ROOM and other.distance(np.zeros(3)) > 0.02:
+        if gap(witness, [other], 400) > _CLEARANCE and other.distance(np.zeros(3)) > 0.02:
             results.append(other)
     return results
 
 
 def timed(arm: Arm, tip: Array, **others: object) -> tuple[Plan, float]:
-    """Return the plan for a tip, and the seconds that it took."""
+    """Return the plan for a tip, and the processor time [s]."""
     begin = time.process_time()
     result = plan(arm, TipPosition(tuple(tip)), SCENE, MAXIMUM, **others)  # type: ignore[arg-type]
     return result, time.process_time() - begin
 
 
 def among_obstacles(arm: Arm, results: list[Shape], count: int, rng: np.random.Generator) -> None:
-    """Print how many tips are solved among so many obstacles, and at what cost."""
+    """Print the number of tips that are solved among `count` obstacles, and the cost."""
     solved, wrong, touched, ratios, efforts = [], 0, 0, [], []
     with keep_finished():
         for shape in results:
@@ -83,18 +88,18 @@ def among_obstacles(arm: Arm, results: list[Shape], count: int, rng: np.random.G
             if gap(free.shape, obstacles, 2000) < 0:
                 touched += 1
                 efforts.append(p.effort / free.effort)
-    print(f"{count} obstacles, {len(solved)} tips, touched by the free plan {touched}")
+    print(f"{count} obstacles, {len(solved)} tips, {touched} plans without obstacles touch one")
     print(f"  solved {np.mean(solved):.1%}, wrongly {wrong}")
-    message = f"{np.median(ratios):.2f} median, {np.quantile(ratios, 0.9):.1f} of 90 %"
-    print(f"  time over that without obstacles {message}, {np.max(ratios):.0f} most")
+    message = f"{np.median(ratios):.2f}, 90 % quantile {np.quantile(ratios, 0.9):.1f}"
+    print(f"  time relative to no obstacles: median {message}, largest {np.max(ratios):.0f}")
     if efforts:
-        print(f"  effort of touched ones over that without {np.median(efforts):.2f} median")
+        print(f"  effort relative to no obstacles, if touched: median {np.median(efforts):.2f}")
 
 
 def around_itself(arm: Arm, results: list[Shape]) -> None:
-    """Print how many plans pass through the arm or its base plane, and what others cost."""
+    """Print the number of plans through the arm or its base plane, and the cost of others."""
     passing = {"the far side of its base plane": 0, "itself": 0}
-    otherwise, efforts, ratios, unsaid, total = 0, [], [], 0, 0
+    otherwise, efforts, ratios, unreported, total = 0, [], [], 0, 0
     with keep_finished():
         for shape in results:
             free, before = timed(arm, shape.tip)
@@ -103,7 +108,7 @@ def around_itself(arm: Arm, results: list[Shape]) -> None:
             touches = [name for name, value in certificate.gaps.items() if value < 0]
             for name in touches:
                 passing[name] += 1
-            unsaid += bool(touches) and "Beware" not in free.outcome
+            unreported += bool(touches) and "Beware" not in free.outcome
             if touches:
                 p, after = timed(arm, shape.tip, self_clearance=True)
                 ratios.append(after / before)
@@ -111,16 +116,18 @@ def around_itself(arm: Arm, results: list[Shape]) -> None:
                     otherwise += 1
                     efforts.append(p.effort / free.effort)
     itself, behind = passing["itself"], max(passing.values())
-    print(f"{total} tips: through itself {itself}, behind the base {behind}")
-    print(f"  of these without a word {unsaid}, reached otherwise {otherwise} of {len(ratios)}")
+    print(f"{total} tips: {itself} plans pass through the arm, {behind} through the base plane")
+    print(f"  {unreported} of these not reported, {otherwise} of {len(ratios)} with another plan")
     if efforts:
-        print(f"  at an effort of {np.median(efforts):.2f} times (median), {max(efforts):.1f} most")
+        print(f"  effort of the other plan: median {np.median(efforts):.2f} times,", end=" ")
+        print(f"largest {max(efforts):.1f}")
     if ratios:
-        print(f"  in {np.median(ratios):.1f} times the time (median), {max(ratios):.0f} most")
+        print(f"  time of the other plan: median {np.median(ratios):.1f} times,", end=" ")
+        print(f"largest {max(ratios):.0f}")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study and print its tables."""
+    """Print the tables."""
     args = asked(
         __doc__,
         argv,

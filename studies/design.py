@@ -1,12 +1,13 @@
-"""How far is the paper's arm off the one that its tasks would ask for?
+"""How far is the paper's arm from the best arm for its tasks?
 
-Question: which taper, offsets and anchorages of the table 4 arm make a fetch and ten random tip
-targets cheapest together, at equal tension limits; how much effort does that save, what is it
-sensitive to, and does a global search of three of the numbers find better?
+Question: Which taper, offsets and anchorages of the arm of table 4 minimise the total effort of a
+fetch and ten random tip targets, at the same tension limits? How much effort does the best arm
+save, which parameters matter most, and does a global search over three parameters find a better
+arm?
 
-Assumptions: the paper's scene; a fetch whose three stretches bend by 60 degrees in planes turned
-against each other; tips that the paper's arm reaches with moderate random tensions; effort is the
-root of the sum of all squared tensions; a wall of 0.8 mm is left around each tendon.
+Assumptions: The paper's scene. The three stretches of the fetch bend by 60 degrees in different
+planes. The paper's arm reaches the tips with moderate random tensions. Effort is the root of the
+sum of all squared tensions. A wall of 0.8 mm remains around each tendon.
 
 Command: python -m studies.design [--tips 10] [--begins 2] [--search 72] [--out out]
 
@@ -30,7 +31,8 @@ from octoplan.planner import Design, ManufacturingLimits, Unknown, design, plan
 from octoplan.planner.targets import Bend, Fetch, TipPosition
 from studies.reporting import asked
 
-SCENE, MOST = Scene(Extension()), 20.0
+SCENE = Scene(Extension())
+MOST = 20.0
 PULLS = np.array([[0.4], [3.0], [8.0]])
 UNKNOWNS = [
     Unknown("arm.radius_mm[0]", 10, 20),
@@ -41,13 +43,15 @@ UNKNOWNS = [
     Unknown("arm.sections[1].at_mm", 220, 380),
     Unknown("arm.sections[2].at_mm", 90, 200),
 ]
-MAKING = ManufacturingLimits(wall=0.0008, spacing=0.05)
+MANUFACTURING = ManufacturingLimits(wall=0.0008, spacing=0.05)
 FETCH = Fetch(*(Bend(*np.radians(bend).tolist()) for bend in ((60, 0), (60, 180), (60, 90))))
-# What a global search looks through: taper and places of the inner anchorages.
+# Indices of the unknowns of the global search: tip radius and positions of the inner anchorages.
 SEARCHED = (1, 5, 6)
-# Of differential evolution; what stands for an arm that does not meet its tasks [N].
-_GENERATIONS, _LOST = 8, 1e3
-# Room over the arm's length that a limit which is kept to the last digit may lack.
+# Number of generations of differential evolution.
+_GENERATIONS = 8
+# Effort that the search assigns to an arm that does not meet all tasks [N].
+_PENALTY = 1e3
+# Violation of a manufacturing limit that rounding explains, relative to the arm's length.
 _ROUNDING = 1e-6
 
 
@@ -59,10 +63,10 @@ def tips(count: int, seed: int = 0) -> list[TipPosition]:
 
 
 def effort_of(result: Design, values: Array, starts: int) -> float:
-    """Return the effort of the tasks by plans of an arm [N]; infinite unless it meets them all."""
+    """Return the total effort of an arm's plans [N]; infinite unless all tasks are met."""
     try:
         arm = result.parameters.setting(values).arm
-        if MAKING.room(arm).min() < -_ROUNDING:
+        if MANUFACTURING.margins(arm).min() < -_ROUNDING:
             return float("inf")
         plans = [plan(arm, p.targets, SCENE, MOST, starts=starts) for p in result.plans]
     except OctoplanError:
@@ -71,19 +75,21 @@ def effort_of(result: Design, values: Array, starts: int) -> float:
     return float(np.linalg.norm([p.effort for p in plans])) if met else float("inf")
 
 
-def searched(outcome: Design, count: int, starts: int = 1) -> tuple[float, Array, int]:
-    """Return the least effort [N] that differential evolution finds over three numbers, and these.
+def search_globally(outcome: Design, count: int, starts: int = 1) -> tuple[float, Array, int]:
+    """Return (least effort [N], parameters, number of arms that meet all tasks).
 
-    Others are as designed; `count` arms are tried, of which the number that meet all tasks is told.
+    Differential evolution tries `count` arms with different values of the SEARCHED parameters. The
+    other parameters keep the values of the design.
     """
-    parameters, efforts = outcome.parameters, list[float]()
+    parameters = outcome.parameters
+    efforts = list[float]()
     kept = [k for k in SEARCHED if k < len(outcome.values)]
 
     def effort(share: Array) -> float:
         values = outcome.array
         values[kept] = parameters.lower[kept] + share * parameters.range[kept]
         efforts.append(effort_of(outcome, values, starts))
-        return min(efforts[-1], _LOST)
+        return min(efforts[-1], _PENALTY)
 
     population = max(5, count // _GENERATIONS)
     result = differential_evolution(
@@ -119,16 +125,23 @@ def main(argv: Sequence[str] | None = None) -> None:
         argv,
         {
             "--tips": 10,
-            "--begins": (2, {"help": "arms that the search begins with"}),
-            "--search": (72, {"help": "arms of the global search; 0: none"}),
-            "--unknowns": (len(UNKNOWNS), {"help": "of those listed"}),
+            "--begins": (2, {"help": "number of arms from which the search starts"}),
+            "--search": (72, {"help": "number of arms of the global search; 0 skips the search"}),
+            "--unknowns": (len(UNKNOWNS), {"help": "number of unknowns, in the order listed"}),
             "--out": Path("out"),
         },
     )
     arm, unknowns = Arm.from_paper("table-4"), UNKNOWNS[: args.unknowns]
     targets = [FETCH, *tips(args.tips)]
     result = design(
-        arm, targets, unknowns, SCENE, MOST, manufacturing=MAKING, n_starts=args.begins, starts=4
+        arm,
+        targets,
+        unknowns,
+        SCENE,
+        MOST,
+        manufacturing=MANUFACTURING,
+        n_starts=args.begins,
+        starts=4,
     )
     print(result.outcome)
     jacobian = result.sensitivity if result.feasible else np.full(len(unknowns), np.nan)
@@ -140,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     certified = sum(each.certificate.passed for each in result.plans)
     print(f"  {certified} of {len(result.plans)} plans certified")
     if args.search:
-        best, values, met = searched(result, args.search)
+        best, values, met = search_globally(result, args.search)
         names = [unknown.name for k, unknown in enumerate(unknowns) if k in SEARCHED]
         at = ", ".join(f"{name} {x:.4g}" for name, x in zip(names, values, strict=True))
         print(

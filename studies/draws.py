@@ -1,4 +1,4 @@
-"""Random tensions that an arm bears, and targets read off the shapes that they settle to."""
+"""Random tensions for which an arm has an equilibrium, and targets from these equilibria."""
 
 from __future__ import annotations
 
@@ -31,21 +31,22 @@ from octoplan.planner.targets import (
 )
 from octoplan.planner.targets.fetch import stretches
 
-# The most that a tendon pulls in plans [N], and the scenes that they are drawn in.
+# Largest tension of a tendon in plans [N].
 MAXIMUM = 20.0
+# Scenes of the random targets.
 SCENES = {
     "paper": Scene(Extension()),
     "silicone": Scene.silicone(),
     "silicone-in-water": Scene.silicone(Weight(), Buoyancy()),
 }
-# The share of what would crush the arm that all tendons at their most would pull.
+# Total pull of all tendons at their largest tension, as a share of the pull that crushes the arm.
 _SHARE = 0.8
 
 
 def most(arm: Arm) -> Array:
-    """Return the most that each tendon is to pull [N], so that they strain all sections alike.
+    """Return the largest tension of each tendon [N], for equal axial strains in all sections.
 
-    Pulls add up from the tip to the base, as the sections grow from the tip to the base.
+    The total pull grows from the tip to the base, as the cross-section does.
     """
     at = np.array([section.at for section in arm.sections])
     EA = arm.material.E * np.pi * arm.radius.evaluate(at, arm.length)[0] ** 2
@@ -54,9 +55,10 @@ def most(arm: Arm) -> Array:
 
 
 def tensions(arm: Arm, rng: np.random.Generator, scale: float = 1.0, slack: float = 0.0) -> Array:
-    """Return tensions (n_tendons,) [N] that settle, uniform up to `scale` times the most.
+    """Return random tensions (n_tendons,) [N] that have an equilibrium.
 
-    `slack` is the share of tendons that do not pull.
+    The tensions are uniform up to `scale` times the largest. `slack` is the share of tendons with
+    zero tension.
     """
     while True:
         T = scale * most(arm) * rng.uniform(size=arm.n_tendons)
@@ -69,18 +71,18 @@ def tensions(arm: Arm, rng: np.random.Generator, scale: float = 1.0, slack: floa
 
 
 def endless(arm: Arm, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield sets of tensions (n_tendons,) [N]."""
+    """Yield random sets of tensions (n_tendons,) [N] without end."""
     while True:
         yield tensions(arm, rng)
 
 
 def rows(arm: Arm, rng: np.random.Generator, count: int) -> Array:
-    """Return `count` sets of tensions (count, n_tendons) [N]."""
+    """Return `count` random sets of tensions (count, n_tendons) [N]."""
     return np.array(list(islice(endless(arm, rng), count)))
 
 
 def many_sections(n: int) -> Arm:
-    """Return the body of table 4 with n sections of four tendons, which run at half the radius."""
+    """Return the body of table 4 with n sections of four tendons at half the radius."""
     L, base, tip = 0.45, 15e-3, 2e-3
     ends = [L * (1 - i / n) for i in range(n)]
     offsets = [(base + (tip - base) * at / L) / 2 for at in ends]
@@ -89,11 +91,11 @@ def many_sections(n: int) -> Arm:
 
 
 def shape(arm: Arm, scene: Scene, rng: np.random.Generator, kind: int) -> Shape:
-    """Return a settled shape of the arm of table 4 or 2 under random tensions.
+    """Return an equilibrium of the arm of table 4 or 2 under random tensions.
 
-    Of kind 0 each tendon is slack or pulls up to 1, 20, 20 N, tip section first; of kind 1 one
-    tendon a section pulls; of kind 2 all do, up to 0.5, 4, 13 N. Tensions that the arm does not
-    bear are drawn again.
+    In kind 0 each tendon is slack or pulls up to 1, 20, 20 N, tip section first. In kind 1 one
+    tendon of each section pulls. In kind 2 all tendons pull, up to 0.5, 4, 13 N. Tensions without
+    an equilibrium are replaced by new random ones.
     """
     while True:
         if kind == 0:
@@ -111,11 +113,15 @@ def shape(arm: Arm, scene: Scene, rng: np.random.Generator, kind: int) -> Shape:
 
 
 ARM = Arm.from_paper("table-4")
+# Largest tensions for the targets, tip section first [N].
 _MOST = np.array([0.6, 5.0, 15.0])
 
 
-def pulls(rng: np.random.Generator, kind: str) -> Array:
-    """Return tensions (3, 4) [N]: those of a section for a plane, few or all for other kinds."""
+def random_tensions(rng: np.random.Generator, kind: str) -> Array:
+    """Return random tensions (3, 4) [N] for a kind of target.
+
+    For a plane two neighbouring tendons of one section pull; for other kinds some or all tendons.
+    """
     T = rng.uniform(size=(3, 4)) * _MOST[:, None]
     if kind == "plane":
         section = rng.integers(3)
@@ -123,20 +129,20 @@ def pulls(rng: np.random.Generator, kind: str) -> Array:
         first = rng.integers(4)
         T[:, [first, (first + 1) % 4]] = 0.0
         return T * rng.uniform()
-    way = rng.integers(3)
-    if way == 0:
+    selection = rng.integers(3)
+    if selection == 0:
         T *= rng.uniform(size=(3, 4)) < 0.5
-    elif way == 1:
+    elif selection == 1:
         T *= np.arange(4) == rng.integers(4, size=3)[:, None]
     return T * rng.uniform(0.3, 1.0)
 
 
 def target(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Array, Target]:
-    """Return tensions that the arm bears, and the target that they reach."""
+    """Return random tensions with an equilibrium, and the target that this equilibrium meets."""
     while True:
-        T = pulls(rng, kind)
+        T = random_tensions(rng, kind)
         try:
-            result = READ[kind](settle(ARM, T, scene, 1e-10), T)
+            result = TARGET_OF[kind](settle(ARM, T, scene, 1e-10), T)
         except (CollapsedError, SnapError, ConvergenceError):
             continue
         if result is not None:
@@ -144,7 +150,7 @@ def target(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Array, Ta
 
 
 def _components(frame: Array, v: Array) -> tuple[float, float, float]:
-    """Return v along t, b and -n of a frame: the axes that bends and planes are counted from."""
+    """Return the components of v along t, b and -n of a frame, the axes of bends and planes."""
     return float(v @ frame[:, 0]), float(v @ frame[:, 2]), float(-v @ frame[:, 1])
 
 
@@ -175,7 +181,7 @@ def _frame(shape: Shape) -> tuple[tuple[float, ...], ...]:
 
 
 _PLACES = tuple((ARM.length * np.arange(1, 7) / 6).tolist())
-READ: dict[str, Callable[[Shape, Array], Target | None]] = {
+TARGET_OF: dict[str, Callable[[Shape, Array], Target | None]] = {
     "tip": lambda shape, _: TipPosition(tuple(shape.tip.tolist())),
     "pose": lambda shape, _: TipPose(tuple(shape.tip.tolist()), _frame(shape)),
     "plane": _plane,
@@ -186,33 +192,33 @@ READ: dict[str, Callable[[Shape, Array], Target | None]] = {
 }
 
 
-def off(shape: Shape, target: Target) -> float:
-    """Return how far a shape is from a target: lengths over the arm's, angles in rad."""
+def target_error(shape: Shape, target: Target) -> float:
+    """Return the distance of a shape from a target: lengths relative to L, angles in rad."""
     if isinstance(target, TipPosition):
-        return _apart(shape.tip, target.position)
+        return _distance(shape.tip, target.position)
     if isinstance(target, TipPose):
         turned = float(np.abs(shape.tip_frame - np.array(target.frame)).max())
-        return max(_apart(shape.tip, target.position), turned)
+        return max(_distance(shape.tip, target.position), turned)
     if isinstance(target, BendingPlane):
         _, b, n = _components(np.array(ARM.base_frame), shape.tip - np.array(ARM.base_position))
-        leaves = abs(np.cos(target.angle) * n - np.sin(target.angle) * b) / ARM.length
-        return max(float(leaves), abs(_bend_in(shape, target.angle) - target.bend))
+        out_of_plane = abs(np.cos(target.angle) * n - np.sin(target.angle) * b) / ARM.length
+        return max(float(out_of_plane), abs(_bend_in(shape, target.angle) - target.bend))
     if isinstance(target, Fetch):
         wanted = (target.proximal, target.medial, target.distal)
         return max(
-            _off_bend(shape, start, end, bend)
+            _bend_error(shape, start, end, bend)
             for (start, end), bend in zip(pairwise(stretches(ARM)), wanted, strict=True)
         )
     assert isinstance(target, Backbone) and target.s is not None
     places = zip(target.s, target.points, strict=True)
-    return max(_apart(shape.position(s), point) for s, point in places)
+    return max(_distance(shape.position(s), point) for s, point in places)
 
 
-def _apart(a: Array, b: object) -> float:
+def _distance(a: Array, b: object) -> float:
     return float(np.linalg.norm(a - np.array(b))) / ARM.length
 
 
-def _off_bend(shape: Shape, start: float, end: float, bend: Bend) -> float:
+def _bend_error(shape: Shape, start: float, end: float, bend: Bend) -> float:
     values = np.array(_components(shape.frame(start), shape.frame(end)[:, 0]))
     across = np.sin(bend.angle)
     wanted = [np.cos(bend.angle), across * np.cos(bend.plane), across * np.sin(bend.plane)]

@@ -1,13 +1,14 @@
-"""Is a fetch in space more efficient than one in a plane, and by how much?
+"""Is a fetch in space more efficient than a fetch in a plane?
 
-Question: the paper shows two fetches of equal pull (figures 14 and 15) and finds that the one in
-space brings the tip closer to the base, the mouth. Is that so for the best fetch of each kind?
+Question: The paper shows two fetches of equal pull (figures 14 and 15). The fetch in space brings
+the tip closer to the mouth, which is the base. Is this also true for the best fetch of each kind?
 
-Assumptions: table 4; the paper's scene; mouth at the centre of the base; each of the three
-stretches bends by at least 30 degrees; each tendon up to 13 N, the largest of the paper's; the
-plane is figure 14's. A fetch in space may also stay in a plane, so it can never be worse. Bends of
-equal size are held to the paper's largest of each section (0.5, 4, 13 N): with more at the tip the
-arm winds up there, twice at 60 degrees, which meets the same bends for 12 % less pull.
+Assumptions: The arm of table 4 in the paper's scene. The mouth is the centre of the base. Each of
+the three stretches bends by at least 30 degrees. Each tendon pulls up to 13 N, the largest tension
+in the paper. The plane is that of figure 14. A fetch in space may also be plane, so that its
+optimum is never worse. For three equal bends the limits of the sections are the largest tensions in
+the paper (0.5, 4, 13 N): with higher limits at the tip the arm winds up, twice at 60 degrees, and
+meets the same bends with 12 % less pull.
 
 Command: python -m studies.fetch [--budgets 3 4 5 6 7 8 10 17.5] [--out out]
 
@@ -38,7 +39,7 @@ MOUTH = (0.0, 0.0, 0.0)
 BEND = np.radians(30)
 PLANE = np.radians(90)
 MAXIMUM = 13.0
-PAPERS = np.repeat([0.5, 4.0, 13.0], 4)
+PAPER_LIMITS = np.repeat([0.5, 4.0, 13.0], 4)
 KINDS: dict[str, FetchReach] = {
     "in a plane": Fetch.reach(MOUTH, BEND, PLANE),
     "in space": Fetch.reach(MOUTH, BEND),
@@ -46,7 +47,7 @@ KINDS: dict[str, FetchReach] = {
 
 
 def paper_shape(name: str, scene: Scene) -> Shape:
-    """Return the settled shape of a figure of the paper."""
+    """Return the equilibrium of a figure of the paper."""
     T = np.zeros((3, 4))
     for place, tension in FIGURES[name].items():
         T[place] = tension
@@ -54,7 +55,7 @@ def paper_shape(name: str, scene: Scene) -> Shape:
 
 
 def distance(result: Plan) -> float:
-    """Return how far the tip is from the mouth [mm]."""
+    """Return the distance from the tip to the mouth [mm]."""
     return float(1e3 * np.linalg.norm(result.shape.tip - np.array(MOUTH)))
 
 
@@ -65,20 +66,20 @@ def least_pull(kind: str) -> Plan:
 
 
 def equal_bends(bend: float, planes: Sequence[float]) -> float:
-    """Return the least total pull [N] for three bends of a size in planes [deg], base to tip."""
+    """Return the least total pull [N] for three equal bends in planes [deg], base to tip."""
     bends = [Bend(float(np.radians(bend)), float(np.radians(plane))) for plane in planes]
-    result = plan(Arm.from_paper("table-4"), Fetch(*bends), SCENE, PAPERS, norm="1")
+    result = plan(Arm.from_paper("table-4"), Fetch(*bends), SCENE, PAPER_LIMITS, norm="1")
     return result.effort if result.reached else float("nan")
 
 
 def nearest(kind: str, budget: float) -> Plan:
-    """Return the fetch that comes nearest to the mouth with a total pull up to a budget."""
+    """Return the fetch with the tip nearest to the mouth, for a total pull up to `budget` [N]."""
     arm = Arm.from_paper("table-4")
     return plan(arm, KINDS[kind], SCENE, MAXIMUM, total_pull=budget)
 
 
 def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:
-    """Return the figure: the paper's two fetches, and distance over the total pull allowed."""
+    """Return the figure: the two fetches of the paper, and distance over the allowed pull."""
     figure = Figure(figsize=(13, 4.2))
     figure.subplots_adjust(left=0.0, right=0.98, bottom=0.13, top=0.9, wspace=0.25)
     for i, name in enumerate(FIGURES):
@@ -101,7 +102,7 @@ def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study: print its table, save its figure."""
+    """Print the table and save the figure."""
     args = asked(
         __doc__,
         argv,

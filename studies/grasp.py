@@ -1,18 +1,19 @@
-"""How does the curvature of an object compare with that of the arm that grasps it?
+"""How does the curvature of an object relate to the curvature of the arm that grasps it?
 
-Question: how much of the arm of table 4 can lie along cylinders of radius 5 to 60 mm, with what
-effort, by which tendons; with what force does it press on them, and hold them, as it pulls harder?
-The paper's conclusions say that the relation between the curvatures of object and arm could play
-the role that a displacement has in impedance control. How far do the two agree, and what limits it?
+Questions: How much of the arm of table 4 can lie along cylinders of radius 5 to 60 mm, with which
+effort and which tendons? How large are the contact forces and the holding forces at higher
+tensions? According to the paper's conclusions, the relation between the curvatures of object and
+arm could play the role of the displacement in impedance control. How closely do the two agree, and
+which effects limit the agreement?
 
-Assumptions: neo-Hookean body, exact tendons (with extension alone, tendons may shorten a slender
-tip to a few hundredths of its length to lay it along, which no silicone does). The arm is straight
-at rest, in a plane; tendons above and below it pull up to 20 N. A part ends at the tip, or at
-another anchorage, and lies on where the gap is at most a quarter of the arm's radius. The cylinder
-lies below the arm, beside the part's beginning. Shares of the arm's length are tried in steps, up
-to one that has no plan. Then the cylinder becomes a contact and all tensions are scaled up, until
-the arm snaps or is not settled. What is held along the cylinder's axis is the friction coefficient,
-0.5, times the sum of normal forces.
+Assumptions: Neo-Hookean body and exact tendons (with extension alone, tendons could compress a
+slender tip to a few percent of its length, which is impossible in silicone). The arm is straight at
+rest and moves in a plane; tendons above and below pull up to 20 N. A part of the arm ends at the
+tip or at another anchorage. The part lies on the cylinder if the gap is at most a quarter of the
+arm's radius. The cylinder is below the arm, near the beginning of the part. The length of the part
+grows in steps until no plan exists. Then the cylinder becomes a contact and all tensions are scaled
+up, until the arm snaps or no equilibrium is found. The holding force along the axis of the cylinder
+is the friction coefficient, 0.5, times the sum of normal forces.
 
 Command: python -m studies.grasp [--radii 60 40 20 10 5] [--shares 0.05 0.1 0.15] [--out out]
 
@@ -43,22 +44,30 @@ from studies.reporting import asked, lettered
 
 ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()
 L = ARM.length
-# Of each anchorage the tendons at 90 and 270 degrees, which bend the arm in the plane [N].
-ABOVE, BELOW = 1, 3
+# Indices of the tendons above and below the arm in each section (at 90 and 270 degrees).
+ABOVE = 1
+BELOW = 3
+# Largest tensions [N]: only the tendons above and below pull.
 MOST = np.tile([0.0, 20.0, 0.0, 20.0], 3)
-# The cylinder's axis is so far before the part, its surface so far below the arm [m].
-BEFORE, APART, HALF_WIDTH = 0.03, 0.01, 0.15
+# Distance along x from the cylinder's axis to the beginning of the part [m].
+BEFORE = 0.03
+# Distance from the surface of the cylinder to the straight arm above [m].
+BELOW_ARM = 0.01
+# Half of the length of the cylinder [m].
+HALF_WIDTH = 0.15
+# Friction coefficient of the holding force.
 FRICTION = 0.5
-HARDER = (1.0, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
+# Factors of the tensions of the plan, for the contact forces.
+TENSION_FACTORS = (1.0, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
 HEAD = (
-    "radius  part [mm]     effort  above, below, of tip, middle, base [N]"
-    "      curvature of object, of arm [1/m]"
+    "radius  part [mm]     effort  above, below: tip, middle, base [N]"
+    "         curvature of object, of arm [1/m]"
 )
 
 
 @dataclass(frozen=True)
 class Row:
-    """A cylinder, a part of the arm, and the plan that lays it along the cylinder."""
+    """A cylinder, a part of the arm, and the plan for this part along the cylinder."""
 
     rod: Capsule
     wrap: Wrap
@@ -66,7 +75,7 @@ class Row:
 
     @property
     def part(self) -> Array:
-        """Arc lengths at which the part is looked at [m]."""
+        """Arc lengths of the samples of the part [m]."""
         return np.linspace(*self.wrap.part(ARM), 101)
 
     @property
@@ -81,28 +90,31 @@ class Row:
         return curvature_along(self.wrap, self.plan.shape, self.part)
 
     @property
-    def told(self) -> str:
-        """What the plan came to: certified, too tight, too slack, or missed otherwise."""
+    def verdict(self) -> str:
+        """Result of the plan: certified, too tight, too slack, or missed."""
         if self.plan.reached:
             return "certified"
         causes = [cause for cause in ("too tight", "too slack") if cause in self.plan.outcome]
         return causes[0] if causes else "missed"
 
 
-def laid_along(radius: float, end: float, share: float) -> Row:
-    """Return the plan of a share of the arm's length, up to arc length `end`, on a cylinder."""
+def plan_along(radius: float, end: float, share: float) -> Row:
+    """Return the plan for a part along a cylinder.
+
+    The part is `share` of the arm's length and ends at arc length `end` [m].
+    """
     start = end - share * L
-    x, z = start - BEFORE, -radius - APART - float(ARM.outer_radius(np.array([start]))[0][0])
+    x, z = start - BEFORE, -radius - BELOW_ARM - float(ARM.outer_radius(np.array([start]))[0][0])
     rod = Capsule((x, -HALF_WIDTH, z), (x, HALF_WIDTH, z), radius)
     wrap = Wrap(rod, length=share * L, start=start)
     return Row(rod, wrap, plan(ARM, wrap, STATICS, MOST, starts=2, compile="auto"))
 
 
 def up_to_longest(radius: float, end: float, shares: Sequence[float]) -> list[Row]:
-    """Return plans of longer and longer parts on a cylinder, up to one that is missed."""
+    """Return plans of increasingly long parts on a cylinder, up to the first failure."""
     results = list[Row]()
     for share in sorted(shares):
-        results.append(laid_along(radius, end, share))
+        results.append(plan_along(radius, end, share))
         print(line(results[-1]), flush=True)
         if not results[-1].plan.reached:
             break
@@ -110,7 +122,7 @@ def up_to_longest(radius: float, end: float, shares: Sequence[float]) -> list[Ro
 
 
 def line(row: Row) -> str:
-    """Return what was found for a cylinder and a part, as a line of the table."""
+    """Return a line of the table: the result for a cylinder and a part."""
     start, end = (1e3 * s for s in row.wrap.part(ARM))
     pulls = row.plan.tensions[:, [ABOVE, BELOW]].ravel()
     curved = [
@@ -120,17 +132,17 @@ def line(row: Row) -> str:
         f"{1e3 * row.rod.radius:4.0f} mm  {start:3.0f} to {end:3.0f} {row.plan.effort:8.3f} N  "
         + " ".join(f"{pull:6.3f}" for pull in pulls)
         + "  {:5.1f} to {:5.1f} {:7.1f} to {:5.1f}  ".format(*curved)
-        + row.told
+        + row.verdict
     )
 
 
-def gripped(row: Row) -> Array:
-    """Return efforts, sums of normal forces, largest of them [N] (k, 3) as the arm pulls harder.
+def contact_forces(row: Row) -> Array:
+    """Return (effort, sum of normal forces, largest normal force) [N] (k, 3) for rising tensions.
 
-    Until it snaps, or is not settled.
+    The table ends before the arm snaps or no equilibrium is found.
     """
     scene, results, near = STATICS + Contact(row.rod), list[tuple[float, float, float]](), None
-    for factor in HARDER:
+    for factor in TENSION_FACTORS:
         try:
             near = settle(ARM, factor * row.plan.tensions, scene, 1e-5, compile="auto", near=near)
         except OctoplanError:
@@ -143,17 +155,18 @@ def gripped(row: Row) -> Array:
 
 
 def grip_lines(row: Row, grips: Array) -> Iterable[str]:
-    """Return what an arm presses with, as lines of the table."""
+    """Return lines of the table: the contact forces and holding forces."""
     length = np.diff(row.wrap.part(ARM))[0]
     for effort, total, most in grips:
         yield (
-            f"          {effort:.3g} N press with {1e3 * total:.3g} mN, {total / length:.3g} N/m, "
-            f"at most {1e3 * most:.3g} mN at a place; hold {1e3 * FRICTION * total:.3g} mN"
+            f"          effort {effort:.3g} N: contact {1e3 * total:.3g} mN, "
+            f"{total / length:.3g} N/m, largest {1e3 * most:.3g} mN at one point; "
+            f"holds {1e3 * FRICTION * total:.3g} mN"
         )
 
 
 def figure(longest: Sequence[tuple[Row, Array]], rows: Sequence[Row]) -> Figure:
-    """Draw arms, effort over radius, curvatures along the arm, and hold forces over effort."""
+    """Draw arms, effort over radius, curvatures along the arm, and holding forces over effort."""
     drawn = Figure(figsize=(10.5, 8.0), layout="constrained")
     (arms, effort), (bends, holds) = axes = drawn.subplots(2, 2)
     colours = colormaps["viridis"](np.linspace(0, 0.9, max(len(longest), 1)))
@@ -178,10 +191,10 @@ def figure(longest: Sequence[tuple[Row, Array]], rows: Sequence[Row]) -> Figure:
                 label = f"{share:g} L up to {1e3 * end:.0f} mm"
                 effort.plot(*np.transpose(sorted(parts)), "o-" if end == L else "s--", label=label)
     titles = (
-        "the longest part found on each cylinder",
-        "least effort to lie along",
+        "longest part on each cylinder",
+        "least effort",
         "curvature of the arm; dashed: of the object",
-        f"hold along the axis, friction {FRICTION:g}",
+        f"holding force along the axis, friction {FRICTION:g}",
     )
     lettered(zip(axes.ravel(), titles, strict=True))
     arms.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
@@ -192,7 +205,7 @@ def figure(longest: Sequence[tuple[Row, Array]], rows: Sequence[Row]) -> Figure:
         major_formatter=ScalarFormatter(),
         minor_formatter=NullFormatter(),
     )
-    holds.set(xlabel="effort [N]", ylabel="force held [mN]")
+    holds.set(xlabel="effort [N]", ylabel="holding force [mN]")
     for ax in (effort, bends, holds):
         if ax.get_legend_handles_labels()[0]:
             ax.legend(fontsize=7)
@@ -214,13 +227,13 @@ def _draw_arm(ax: Axes, row: Row, colour: Array) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study, print its tables and save its figure."""
+    """Print the tables and save the figure."""
     args = asked(
         __doc__,
         argv,
         {
             "--radii": ([60.0, 40.0, 20.0, 10.0, 5.0], {"help": "[mm]"}),
-            "--ends": ([0, 1], {"help": "anchorages, 0 the tip"}),
+            "--ends": ([0, 1], {"help": "indices of anchorages; 0 is the tip"}),
             "--shares": [0.05, 0.1, 0.15],
             "--out": Path("out"),
         },
@@ -232,7 +245,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             values = up_to_longest(1e-3 * radius, end, args.shares)
             rows += values
             if passed := [row for row in values if row.plan.reached]:
-                grips = gripped(passed[-1])
+                grips = contact_forces(passed[-1])
                 longest.append((passed[-1], grips))
                 print("\n".join(grip_lines(passed[-1], grips)), flush=True)
     print(f"{sum(row.plan.reached for row in rows)} of {len(rows)} wraps planned and certified")

@@ -1,14 +1,14 @@
-"""Is there a case that is settled or planned wrongly without a word?
+"""Does any hard case give a wrong result without a message?
 
-Question: of random members of families of hard cases (slender tips, any tension, many turns,
-compression to nothing, 1 to 160 tendons, derivatives at kinks, other units, turned scenes, heavy
-loads, stiff friction, ill-posed plans), how large is the worst error against independent programs,
-how many are refused, and how long does it take? And how do errors grow along the arm if strains are
-integrated from the base to the tip rather than from the tip to the base?
+Questions: How large is the worst error of random members of families of hard cases (slender tips,
+any tension, many turns, strong compression, 1 to 160 tendons, derivatives at kinks, other units,
+rotated scenes, heavy loads, stiff friction, ill-posed plans), compared with independent programs?
+How many are refused, and how long do the members take? How do errors grow along the arm if strains
+are integrated from the base to the tip instead of from the tip to the base?
 
-Assumptions: the families are those that tests hold to their tolerances, `tests/core/hard_cases`;
-each is described in its file, and run by its test. Errors are over the arm's length, or
-relative.
+Assumptions: The families and tolerances are those of the tests in `tests/core/hard_cases`. Each
+family is described in its file, and its test runs the members. Errors are relative, or relative to
+the arm's length.
 
 Command: python -m studies.hard_cases [--members 12] [--family NAME ...] [--out out]
 
@@ -41,7 +41,7 @@ _LEAST = 1e-17
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a member: its error, or why it was refused, and the time it took [s]."""
+    """The result of a member: the error or the reason for the refusal, and the time [s]."""
 
     error: float
     refusal: str
@@ -51,7 +51,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Family:
-    """A family of hard cases with its tolerance and the verdicts on its members."""
+    """A family of hard cases with its tolerance and the verdicts of its members."""
 
     name: str
     tolerance: float
@@ -59,37 +59,37 @@ class Family:
 
 
 def names() -> list[str]:
-    """Return the families' names, in the order of their tests."""
-    # The project's settings make this quiet once; twice, and names are left out.
+    """Return the names of the families, in the order of the tests."""
+    # The project's pytest settings contain one -q; a second -q would omit the names.
     listed = _pytest("--collect-only", _TEST).splitlines()
     return [line.split("[", 1)[1][:-3] for line in listed if line.startswith(_TEST + "[")]
 
 
 def family(name: str, members: int) -> Family:
-    """Run the test of a family and return what it tells of each member."""
+    """Run the test of a family and return its verdicts."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         options = ("--members", str(members), "--junitxml", str(report))
-        # Of the kinds of report that pytest writes, the one that has properties of a test.
+        # The report format xunit1 contains the properties of a test.
         _pytest(f"{_TEST}[{name}-0]", *options, "-o", "junit_family=xunit1")
-        kept = {
+        properties = {
             each.get("name"): each.get("value", "") for each in ET.parse(report).iter("property")
         }
-    verdicts = (Verdict(*each) for each in json.loads(kept["verdicts"]))
-    return Family(name, float(kept["tolerance"]), tuple(verdicts))
+    verdicts = (Verdict(*each) for each in json.loads(properties["verdicts"]))
+    return Family(name, float(properties["tolerance"]), tuple(verdicts))
 
 
 def _pytest(*words: str) -> str:
     command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *words]
     done = subprocess.run(command, cwd=_ROOT, capture_output=True, text=True, check=False)
-    # 1: a member is wrong, which the table tells.
+    # Return code 1: a member is wrong. The table reports this member.
     if done.returncode not in (0, 1):
         raise RuntimeError(done.stdout + done.stderr)
     return done.stdout
 
 
-def told(each: Family) -> str:
-    """Return a family's line of the table."""
+def table_line(each: Family) -> str:
+    """Return the line of a family in the table."""
     settled = [verdict.error for verdict in each.verdicts if not verdict.refusal]
     wrong = sum(not verdict.passes for verdict in each.verdicts)
     worst, refused = max(settled, default=0.0), len(each.verdicts) - len(settled)
@@ -100,14 +100,14 @@ def told(each: Family) -> str:
     )
 
 
-def draw(table: list[Family], grown: Sweeps) -> Figure:
-    """Return the figure: errors of all members, and how errors grow along the arm."""
+def draw(table: list[Family], growth: Sweeps) -> Figure:
+    """Return the figure: errors of all members, and growth of errors along the arm."""
     figure = Figure(figsize=(9.6, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    titles = ("members of each family", "1e-9 off where integration begins")
+    titles = ("members of each family", "initial error of 1e-9")
     lettered(zip((left, right), titles, strict=True))
     _draw_families(left, table)
-    _draw_sweeps(right, grown)
+    _draw_sweeps(right, growth)
     return figure
 
 
@@ -128,10 +128,10 @@ def _draw_families(ax: Axes, table: list[Family]) -> None:
     ax.legend(fontsize="small", loc="upper right", frameon=False)
 
 
-def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
-    ax.plot(grown.s, grown.from_tip, color="#1f6fb4", label="from the tip")
-    ax.plot(grown.s, grown.from_base, color="#e8912c", label="from the base")
-    ax.plot(grown.s, grown.predicted, "k--", lw=1, label="from the base, D(base) / D(s)")
+def _draw_sweeps(ax: Axes, growth: Sweeps) -> None:
+    ax.plot(growth.s, growth.from_tip, color="#1f6fb4", label="from the tip")
+    ax.plot(growth.s, growth.from_base, color="#e8912c", label="from the base")
+    ax.plot(growth.s, growth.predicted, "k--", lw=1, label="from the base, D(base) / D(s)")
     ax.set(
         yscale="log",
         xlabel="s [m]",
@@ -141,13 +141,13 @@ def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study: print its table, save its figure."""
+    """Print the table and save the figure."""
     args = asked(
         __doc__,
         argv,
         {
             "--members": 12,
-            "--family": (None, {"help": "all unless given", "nargs": "*"}),
+            "--family": (None, {"help": "names of families; default: all", "nargs": "*"}),
             "--out": Path("out"),
         },
     )
@@ -157,21 +157,29 @@ def main(argv: Sequence[str] | None = None) -> None:
     with keep_finished():
         for name in args.family or names():
             table.append(family(name, args.members))
-            print(told(table[-1]), flush=True)
+            print(table_line(table[-1]), flush=True)
     for each in table:
         for seed, verdict in enumerate(each.verdicts):
             if not verdict.passes:
                 print(f"{each.name}, seed {seed}: {verdict.refusal or verdict.error}")
-    grown = sweeps()
-    print(f"an error at the beginning grows {grown.up:.3g} times from tip to base,", end=" ")
-    print(f"{grown.down:.4g} times from base to tip; by D {grown.ratio:.4g}")
-    draw(table, grown).savefig(args.out / "hard_cases.png", dpi=130)
+    growth = sweeps()
+    print(f"growth of an initial error: {growth.up:.3g} times from tip to base,", end=" ")
+    print(f"{growth.down:.4g} times from base to tip; D(base) / D(tip) {growth.ratio:.4g}")
+    draw(table, growth).savefig(args.out / "hard_cases.png", dpi=130)
 
 
-# The body of table 4 with the outermost of its tendons, pulled gently.
-L, BASE, TIP, E = 0.45, 15e-3, 2e-3, 110e3
-OFFSET, END, PULL = 7.5e-3, 1e-3, 1e-2
-_OFF, _POINTS = 1e-9, 200
+# The arm of table 4: length [m], radius at base and tip [m], Young's modulus [Pa].
+L = 0.45
+BASE = 15e-3
+TIP = 2e-3
+E = 110e3
+# The tendon that ends at the tip: offset at base and tip [m], tension [N].
+OFFSET = 7.5e-3
+END = 1e-3
+PULL = 1e-2
+# Initial error of curvature times the radius of the base [-].
+_OFF = 1e-9
+_POINTS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +189,9 @@ class Sweeps:
     Attributes
     ----------
     from_tip, from_base, predicted : (N,)
-        Of each way, beginning with 1e-9; and D(base) / D(s) times that.
+        Errors of both directions for an initial error of 1e-9; 1e-9 times D(base) / D(s).
     up, down, ratio : float
-        Error at the end over that at the beginning, either way; D(base) / D(tip).
+        Final error relative to the initial error, tip to base and base to tip; D(base) / D(tip).
     """
 
     s: Array
@@ -196,7 +204,7 @@ class Sweeps:
 
 
 def _section(s: Array | float) -> tuple[Array, Array, Array, Array]:
-    """Return D, its rate, y T and its rate at s."""
+    """Return D = E J + y^2 T, its derivative, y T and its derivative at s."""
     R, y = BASE + (TIP - BASE) * s / L, OFFSET + (END - OFFSET) * s / L
     R_rate, y_rate = (TIP - BASE) / L, (END - OFFSET) / L
     D = E * np.pi * R**4 / 4 + y**2 * PULL
@@ -205,7 +213,7 @@ def _section(s: Array | float) -> tuple[Array, Array, Array, Array]:
 
 
 def sweeps() -> Sweeps:
-    """Return both sweeps, each from the closed form k = y T / D with an error at its beginning."""
+    """Return both sweeps, each from the closed form k = y T / D plus an initial error."""
     s = np.linspace(0.0, L, _POINTS)
     D, _, moment, _ = _section(s)
     wanted = moment / D

@@ -1,25 +1,30 @@
-"""Does the planner get lost?
+"""Does the planner find the best plan, and the nearest shape for unreachable targets?
 
-Question: of random reachable targets of every kind, in every scene, how many are reached and
-certified, how near is the effort to the best known, how long does it take; and is anything called
-reached that is not? Of random targets that cannot be met (`--beyond`), how often is the shortfall
-of the plan within 1 % of the least of many random starts, or of a grid of settled shapes?
+Questions: How many random reachable targets of each kind, in each scene, are reached and certified?
+How near is the effort to the best known effort, how long does a plan take, and is any plan reported
+as reached although the target is missed? For random unreachable targets (`--beyond`), how often is
+the shortfall of the plan within 1 % of the least shortfall of many random starts, or of a grid of
+equilibria?
 
-Assumptions: table 4, maxima of 20 N; targets are read off settled shapes (studies.draws), so
-that one set of tensions is known that reaches each. A plan is reached where its certificate passes
-and, for a backbone, no point is further off than 1e-6 L. It is wrong where that is so and its
-tensions, settled to 1e-9 L by another integrator and held against the target by code of this study,
-are off by more than 3e-6. The best known effort is the least of the plan's, that of the tensions
-drawn, and in the paper's scenes that of the best of `--best-of` starts from random tensions.
-Beyond reach, bare or with extension: tips and poses lie 1.02 to 1.4 lengths from the base; other
-poses are at a reachable place, turned at random; planes, fetches and backbones are read off shapes
-whose tensions are 1.5 to 4 times the maxima allowed. What is reached all the same is left out,
-after a check. The shortfall is the root of twice the objective of the nearest shape, in lengths and
-radians, on the mesh of the search. Three further arms have limits that hold: one with a tendon that
-turns around it, a long thin one and one of six sections. Tips at 0.1 to 1.1 lengths are held
-against the best of a grid of settled shapes (random ones of the six sections); L-BFGS-B moves the
-three best nearer by settling alone. Times are the processor's, as shifted geometric means (shift
-0.1 s), as benchmarks of optimisers have it.
+Assumptions: The arm of table 4, tensions up to 20 N. Targets are computed from random equilibria
+(studies.draws), so that tensions are known that reach each target. A plan is reached if its
+certificate passes and, for a backbone, no point is farther than 1e-6 L from its target. A reached
+plan is wrong if its error exceeds 3e-6: for this check another integrator solves the equilibrium to
+1e-9 L, and separate code of this study evaluates the target. The best known effort is the least of
+the plan's effort, the effort of the random tensions, and in the paper's scenes the effort of the
+best of `--best-of` random starts.
+
+Unreachable targets, without effects or with extension: tips and poses are 1.02 to 1.4 L from the
+base; other poses have a reachable position and a random rotation; planes, fetches and backbones are
+computed from shapes with tensions of 1.5 to 4 times the limits. Targets that turn out to be
+reachable are checked and left out. The shortfall is the root of twice the objective of the nearest
+shape, in lengths and radians, on the mesh of the search.
+
+Three further arms have active tension limits: an arm with a helical tendon, a long thin arm, and an
+arm of six sections. Tips at 0.1 to 1.1 L are compared with the best of a grid of equilibria (random
+equilibria for six sections), refined from the three best points with L-BFGS-B and `settle`. Times
+are processor times, as shifted geometric means (shift 0.1 s), the convention of optimiser
+benchmarks.
 
 Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs 2] [--seed 0]
 [--kinds NAME ...] [--beyond] [--case NUMBER] [--out out]
@@ -70,27 +75,38 @@ from octoplan.planner.problem import Problem
 from octoplan.planner.solve.relaxation_stage import solve_from_guess
 from octoplan.planner.targets import Target, TipPose, TipPosition
 from studies import draws
-from studies.draws import ARM, MAXIMUM, READ, off
+from studies.draws import ARM, MAXIMUM, TARGET_OF, target_error
 from studies.reference import reference_shape
 from studies.reporting import asked, keep_finished
 
-_NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
-# Kinds of targets beyond reach: how far off the base in lengths, or how many times the maxima.
+# Largest distance of a reached backbone point from its target, in lengths.
+_NEAR = 1e-6
+# Error above which a reached plan is wrong, in lengths or radians.
+_WRONG = 3e-6
+# Shift of the geometric mean of times [s].
+_SHIFT = 0.1
+# Kinds of unreachable targets.
 BEYOND = ("tip", "pose", "turned", "plane", "fetch", "backbone", "helical", "thin", "sections")
-_FAR, _STRONG = (1.02, 1.4), (1.5, 4.0)
-# Distances of the tips of arms whose limits hold, in lengths; number of settled shapes they are
-# held against, and of those that are moved nearer.
-_WITHIN, _GRID, _BEST = (0.1, 1.1), 1296, 3
-# Largest miss that rounding and the accuracy of settling explain, in lengths.
+# Range of the distances of unreachable tips from the base, in lengths.
+_FAR = (1.02, 1.4)
+# Range of the tensions of unreachable shapes, relative to the limits.
+_STRONG = (1.5, 4.0)
+# Range of the distances of tips for arms with active limits, in lengths.
+_WITHIN = (0.1, 1.1)
+# Number of equilibria in the grid of an arm with active limits.
+_GRID = 1296
+# Number of points of the grid that are refined.
+_BEST = 3
+# Largest distance that rounding and the accuracy of `settle` explain, in lengths.
 _ROUNDED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A target and what became of its plan.
+    """A target and the result of its plan.
 
-    `error` is how far its tensions are from the target by the check of this study, `cost` its
-    effort over the best known.
+    `error` is the distance from the target, checked independently. `cost` is the effort relative to
+    the best known effort.
     """
 
     number: int
@@ -107,11 +123,11 @@ class Case:
 
     @property
     def wrong(self) -> bool:
-        """Whether it is called reached, and is not."""
+        """Whether the plan is reported as reached but misses the target."""
         return self.reached and not self.error <= _WRONG
 
     def again(self) -> str:
-        """Return a script that plans the case again."""
+        """Return a Python script that plans the case."""
         scene = SCENES[self.scene][1]
         lines = [
             "from octoplan.model import Arm, Scene",
@@ -122,22 +138,23 @@ class Case:
             f"# {self.outcome}",
             f"# reached from tensions {self.drawn.tolist()}",
             f"target = {self.target!r}",
-            f"found = plan(Arm.from_paper('table-4'), target, {written(scene)}, {MAXIMUM})",
-            "print(found.outcome)",
+            f"result = plan(Arm.from_paper('table-4'), target, {to_code(scene)}, {MAXIMUM})",
+            "print(result.outcome)",
         ]
         return "\n".join(lines) + "\n"
 
 
-def written(scene: Scene) -> str:
-    """Return a scene as Python."""
+def to_code(scene: Scene) -> str:
+    """Return the Python code of a scene."""
     return f"Scene({', '.join(repr(effect) for effect in scene.effects)})"
 
 
 def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
-    """Draw a target and plan it.
+    """Return the case of a random target.
 
-    A job is a number, the seed, how many starts to hold against, and the kinds of targets. The seed
-    of a case is its number, so that it is the same wherever it is run.
+    A job contains the number of the case, the seed, the number of random starts to compare with,
+    and the kinds of targets. The random generator depends only on seed and number, so that a case
+    does not depend on the process that runs it.
     """
     number, seed, best_of, kinds = job
     rng = np.random.default_rng([seed, number])
@@ -155,7 +172,7 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.process_time() - begin
     try:
-        error = off(reference_shape(ARM, result.tensions, scene, 1e-9), target)
+        error = target_error(reference_shape(ARM, result.tensions, scene, 1e-9), target)
     except OctoplanError:
         error = np.inf
     near = max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR
@@ -167,10 +184,10 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
 _RESULTS = ("reached", "error", "cost", "seconds", "starts", "outcome")
 
 
-def _solved(
+def _solve_from_random(
     result: Plan, scene: Scene, options: NlpOptions, count: int, rng: np.random.Generator
 ) -> list[NlpSolution]:
-    """Return what random starts of a plan's problem lead to, on the mesh of the search."""
+    """Return the solutions from random starts of a plan's problem, on the mesh of the search."""
     limits = result.problem.limits
     task = PlanningProblem(ARM, result.targets, scene, limits, options, result.problem.accuracy)
     coarse = Problem(task, task.coarse(result.mode))
@@ -181,28 +198,28 @@ def _solved(
 
 
 def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
-    """Return a plan's effort over the least that random starts lead to, on the coarse mesh."""
+    """Return a plan's effort relative to the least effort of random starts, on the coarse mesh."""
     heavy = is_loaded(scene) or scene.has(ExactTendons)
     if heavy or not count or result.mode != "exact":
         return 0.0
     options = NlpOptions(norm=result.problem.options.norm)
-    solutions = _solved(result, scene, options, count, rng)
+    solutions = _solve_from_random(result, scene, options, count, rng)
     best = min((np.linalg.norm(each.tensions) for each in solutions), default=np.inf)
     return float(result.effort / best) if 0 < best < np.inf else 0.0
 
 
 def report(cases: Sequence[Case], beyond: bool) -> None:
-    """Print a line for each kind, for each scene, and for all."""
+    """Print one line for each kind, for each scene, and for all cases."""
     print(f"{'':<12}{'targets':>8}{'reached':>9}{'wrong':>7}{'within 1 %':>12}{'worst':>9}", end="")
     print(f"{'time [s]':>10}{'starts':>8}")
     groups = {
-        kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys((*READ, *BEYOND))
+        kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys((*TARGET_OF, *BEYOND))
     }
     groups |= {name: [c for c in cases if c.scene == name] for name in SCENES}
     for name, group in (groups | {"all": list(cases)}).items():
         if not group:
             continue
-        # Costs are efforts of what is reached, or shortfalls of what is not.
+        # Costs compare efforts of reached targets, or shortfalls of unreachable ones.
         counted = [c for c in group if c.reached is not beyond]
         costs = np.array([c.cost for c in counted])
         good, worst = (np.mean(costs <= 1.01), costs.max()) if counted else (np.nan, np.nan)
@@ -214,16 +231,16 @@ def report(cases: Sequence[Case], beyond: bool) -> None:
         print(f"{worst:>9.3f}{mean:>10.3f}{starts:>8.1f}")
 
 
-def keep(cases: Sequence[Case], out: Path) -> None:
-    """Write a script for each case that failed, or took 1 % above the best effort known."""
+def write_failures(cases: Sequence[Case], out: Path) -> None:
+    """Write a script for each case that failed or exceeds the best known effort by over 1 %."""
     for case in cases:
         if case.wrong or not case.reached or case.cost > 1.01:
-            why = "wrong" if case.wrong else "dear" if case.reached else "none"
+            why = "wrong" if case.wrong else "costly" if case.reached else "failed"
             out.mkdir(parents=True, exist_ok=True)
             (out / f"{why}_{case.number}_{case.kind}.py").write_text(case.again(), encoding="utf-8")
 
 
-# How often each scene is drawn: those that take a planner seconds seldom.
+# Relative frequency of each scene. Scenes with plans that take seconds are rare.
 SCENES: dict[str, tuple[int, Scene]] = {
     "bare": (20, Scene()),
     "extension": (40, Scene(Extension())),
@@ -241,20 +258,21 @@ SCENES: dict[str, tuple[int, Scene]] = {
 
 @dataclass(frozen=True)
 class Limited:
-    """An arm in a scene, with maxima of its tensions that hold [N]."""
+    """An arm in a scene, with tension limits that are active [N]."""
 
     arm: Arm
     scene: Scene
     maxima: tuple[float, ...]
 
 
-def _section(at: float, base: float, end: float, count: int, turned: float) -> Anchorage:
-    """Return a section of equally spaced tendons, the first at an angle."""
-    angles = tuple((turned + 2 * np.pi * np.arange(count) / count).tolist())
+def _section(at: float, base: float, end: float, count: int, first_angle: float) -> Anchorage:
+    """Return a section of equally spaced tendons, the first one at `first_angle`."""
+    angles = tuple((first_angle + 2 * np.pi * np.arange(count) / count).tolist())
     return Anchorage(at, Linear(base, end), angles)
 
 
-_STRAIGHT, _TURNING = Linear(0.0, 0.0), Linear(0.0, 7.5)
+_STRAIGHT = Linear(0.0, 0.0)
+_HELICAL = Linear(0.0, 7.5)
 LIMITED = {
     "helical": Limited(
         Arm(
@@ -265,7 +283,7 @@ LIMITED = {
                     0.24,
                     Linear(9e-3, 7e-3),
                     (0.0, 2.1, 4.2, 1.0),
-                    turn=(_STRAIGHT, _STRAIGHT, _STRAIGHT, _TURNING),
+                    turn=(_STRAIGHT, _STRAIGHT, _STRAIGHT, _HELICAL),
                 ),
             ),
             Material(E=0.9e6, nu=0.35, density=1000.0),
@@ -301,7 +319,7 @@ LIMITED = {
 
 
 def tip_of(limited: Limited, T: Array, accuracy: float = 1e-4) -> Array:
-    """Return the tip (3,) under tensions [m], nan if the arm does not settle."""
+    """Return the tip (3,) under tensions [m], NaN if no equilibrium is found."""
     try:
         return settle(limited.arm, np.asarray(T, dtype=float), limited.scene, accuracy).tip
     except OctoplanError:
@@ -310,9 +328,10 @@ def tip_of(limited: Limited, T: Array, accuracy: float = 1e-4) -> Array:
 
 @lru_cache(maxsize=3)
 def grid_of(limited: Limited) -> tuple[Array, Array]:
-    """Return tensions (m, n_tendons) [N] over the limits and the tips (m, 3) under them [m].
+    """Return tensions (m, n_tendons) [N] within the limits, and the tips (m, 3) [m].
 
-    A regular grid of few tendons, otherwise random tensions with half of the tendons slack.
+    The tensions form a regular grid if the arm has few tendons; otherwise they are random, with
+    half of the tendons slack.
     """
     n = limited.arm.n_tendons
     levels = round(_GRID ** (1 / n))
@@ -326,17 +345,18 @@ def grid_of(limited: Limited) -> tuple[Array, Array]:
 
 
 def nearest_of_grid(limited: Limited, place: Array) -> float:
-    """Return the least distance from a place to tips of settled shapes [m], without the planner."""
+    """Return the least distance of a tip from a point [m], found without the planner."""
     tensions, tips = grid_of(limited)
-    off = np.linalg.norm(tips - place, axis=1)
-    most, L = np.array(limited.maxima), limited.arm.length
+    distance = np.linalg.norm(tips - place, axis=1)
+    most = np.array(limited.maxima)
+    L = limited.arm.length
 
     def squared(share: Array) -> float:
         miss = float(np.linalg.norm(tip_of(limited, share * most, 1e-8) - place)) / L
         return miss**2 if np.isfinite(miss) else 10.0
 
     best = np.inf
-    for i in np.argsort(off)[:_BEST]:
+    for i in np.argsort(distance)[:_BEST]:
         bounds = [(0.0, 1.0)] * most.size
         end = minimize(
             squared,
@@ -350,7 +370,7 @@ def nearest_of_grid(limited: Limited, place: Array) -> float:
 
 
 def run_limited(number: int, seed: int, kind: str) -> Case:
-    """Draw a tip for an arm whose limits hold, plan it, and hold the plan against a grid."""
+    """Return the case of a random tip for an arm with active limits, compared with a grid."""
     rng, limited = np.random.default_rng([seed, number]), LIMITED[kind]
     way = rng.normal(size=3)
     L = limited.arm.length
@@ -369,9 +389,9 @@ def run_limited(number: int, seed: int, kind: str) -> Case:
 
 
 def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
-    """Draw a target beyond reach, plan it, and hold the plan against random starts.
+    """Return the case of a random unreachable target, compared with random starts.
 
-    The cost of the case is the shortfall of its plan over the least that random starts lead to.
+    The cost is the shortfall of the plan relative to the least shortfall of the random starts.
     """
     number, seed, best_of, kinds = job
     if kinds[number % len(kinds)] in LIMITED:
@@ -386,16 +406,16 @@ def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
     case = replace(case, seconds=time.process_time() - begin, starts=len(result.solution.starts))
     case = replace(case, outcome=result.outcome)
     if result.reached and max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR:
-        error = off(settle(ARM, result.tensions, scene, 1e-9), target)
+        error = target_error(settle(ARM, result.tensions, scene, 1e-9), target)
         return replace(case, reached=True, error=error)
-    solutions = _solved(result, scene, NlpOptions(), best_of, rng)
+    solutions = _solve_from_random(result, scene, NlpOptions(), best_of, rng)
     best = min((s.f for s in solutions), default=np.inf)
     values = min((s.objective for s in result.solution.starts if s.met), default=np.inf)
     return replace(case, cost=float(np.sqrt(values / best)) if values < np.inf else np.inf)
 
 
 def beyond(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Target, Array | float]:
-    """Return a target, and maxima of the tensions (12,) or of all that do not reach it."""
+    """Return a target and tension limits, (12,) or scalar [N], that are too low to reach it."""
     way = rng.normal(size=3)
     far = tuple((rng.uniform(*_FAR) * ARM.length * way / np.linalg.norm(way)).tolist())
     if kind == "tip":
@@ -414,7 +434,7 @@ def beyond(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Target, A
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the suite, print its table, and keep what failed."""
+    """Print the table and write scripts of failed cases."""
     args = asked(
         __doc__,
         argv,
@@ -423,13 +443,16 @@ def main(argv: Sequence[str] | None = None) -> None:
             "--best-of": 10,
             "--jobs": 2,
             "--seed": 0,
-            "--kinds": (None, {"choices": list(dict.fromkeys((*READ, *BEYOND))), "nargs": "*"}),
-            "--beyond": (False, {"help": "targets that cannot be met"}),
-            "--case": (None, {"help": "print this one as a script, and no table", "type": int}),
+            "--kinds": (
+                None,
+                {"choices": list(dict.fromkeys((*TARGET_OF, *BEYOND))), "nargs": "*"},
+            ),
+            "--beyond": (False, {"help": "plan unreachable targets"}),
+            "--case": (None, {"help": "print a script of this case, and no table", "type": int}),
             "--out": Path("out"),
         },
     )
-    work, kinds = (run_beyond, BEYOND) if args.beyond else (run, tuple(READ))
+    work, kinds = (run_beyond, BEYOND) if args.beyond else (run, tuple(TARGET_OF))
     kinds = tuple(args.kinds or kinds)
     if args.case is not None:
         print(work((args.case, args.seed, args.best_of, kinds)).again(), end="")
@@ -443,7 +466,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     pool.shutdown(cancel_futures=True)
     report(cases, args.beyond)
     if not args.beyond:
-        keep(cases, args.out / "planner_suite")
+        write_failures(cases, args.out / "planner_suite")
 
 
 if __name__ == "__main__":
