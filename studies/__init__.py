@@ -1,1 +1,1 @@
-"""Studies: one question each, with its answer."""
+"""Studies. Each study answers one question; see studies/README.md."""

@@ -94,7 +94,7 @@ def planned(angles: Array, bends: Sequence[float], scene: Scene) -> list[tuple[i
 
 
 def neighbours(tensions: Array) -> bool:
-    """Return whether at most two tendons pull, and no two opposite ones."""
+    """Test whether at most two tendons pull, and no two opposite ones."""
     pulls = tensions > 0
     return bool(pulls.sum() <= 2 and not (pulls[0] and pulls[2]) and not (pulls[1] and pulls[3]))
 

@@ -1,13 +1,14 @@
-"""Winches or force control: which holds a planned shape better, and is a real robot so predicted?
+"""Do winches or forces reproduce a planned shape better, and is a winch robot predicted well?
 
-Question: of the same plans, how far is the tip off where tensions are wrong by 1 %, where lengths
-are wrong by 0.1 mm, and under a payload that was not planned for? And of a measured robot that
-winches hold (Continuum Robotics Lab), calibrated with 13 numbers
-on rows with one tendon pulled: how far off are the tips of rows with several?
+Questions: For the same plans, how large is the tip error if tensions are wrong by 1 %, if lengths
+are wrong by 0.1 mm, and under an unplanned payload? The second part concerns a measured robot with
+winches (Continuum Robotics Lab). Thirteen parameters are calibrated on rows with one taut tendon.
+How large are the tip errors of rows with several taut tendons?
 
-Assumptions: table 2 in silicone, tips of random mild tensions as targets; errors of either sign,
-at random for each taut tendon; slack tendons stay out of the way. The robot: exact tendons on a
-steel wire, tendons that stretch, lost motion for each segment; no friction, no weight.
+Assumptions: The arm of table 2 in silicone; the targets are tips under random moderate tensions.
+The errors have a random sign for each taut tendon; slack tendons are long enough to stay slack. The
+model of the robot has exact tendons on a steel wire, elastic tendons and a lost motion for each
+segment, but no friction and no weight.
 
 Command: python -m studies.lengths [--plans 6] [--draws 8] [--every 6] [--steps 8] [--out out]
 
@@ -36,9 +37,16 @@ from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 from studies.reporting import asked
 
-ARM, SCENE = Arm.from_paper("table-2"), Scene.silicone()
-FORCE, LENGTH, PAYLOAD = 0.01, 1e-4, (0.0, 0.0, -5e-3)
-_AWAY = 0.05
+ARM = Arm.from_paper("table-2")
+SCENE = Scene.silicone()
+# Relative error of tensions.
+FORCE = 0.01
+# Error of lengths [m].
+LENGTH = 1e-4
+# Payload at the tip [N].
+PAYLOAD = (0.0, 0.0, -5e-3)
+# Additional length of slack tendons [m].
+_SLACK_LENGTH = 0.05
 
 
 def shapes(count: int, seed: int = 0) -> list[Shape]:
@@ -52,9 +60,14 @@ def shapes(count: int, seed: int = 0) -> list[Shape]:
 
 
 def control_errors(shape: Shape, draws: int, seed: int = 1) -> Array:
-    """Return tip errors [mm]: by force, by length (means of draws), by payload under either."""
-    rng, taut = np.random.default_rng(seed), shape.tensions > 1e-6
-    lengths = shape.tendon_lengths + _AWAY * ~taut
+    """Return four tip errors (4,) [mm].
+
+    The errors are those of wrong forces and of wrong lengths (means over random draws), and those
+    of a payload at constant tensions and at constant lengths.
+    """
+    rng = np.random.default_rng(seed)
+    taut = shape.tensions > 1e-6
+    lengths = shape.tendon_lengths + _SLACK_LENGTH * ~taut
     T, loaded = np.where(taut, shape.tensions, 0.0), Scene(*SCENE.effects, TipLoad(PAYLOAD))
     signs = rng.choice([-1.0, 1.0], (draws, T.size))
     forced = [settle(ARM, T * (1 + FORCE * sign), SCENE, 1e-5) for sign in signs]
@@ -70,19 +83,19 @@ def _off(other: Shape, shape: Shape) -> float:
 
 
 def robot_errors(x: Array, rows: list[Row]) -> Array:
-    """Return how far tips are off (N,) [mm]."""
+    """Return the tip errors of rows (N,) [mm]."""
     goal = np.array([row.tip for row in rows])
     return np.asarray(1e3 * np.linalg.norm(tips(x, rows) - goal, axis=1))
 
 
 def slack_names(x: Array, row: Row) -> str:
-    """Return the tendons that are slack in a row, by the numbers of the file."""
-    slack = np.ravel(settled(robot(x), x, row.pull).slack).reshape(3, 3)[::-1].ravel()
+    """Return the indices of the slack tendons in a row, in the numbering of the file."""
+    slack = np.ravel(solve_robot(robot(x), x, row.pull).slack).reshape(3, 3)[::-1].ravel()
     return " ".join(str(j) for j in np.flatnonzero(slack)) or "none"
 
 
 def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
-    """Return the figure: errors of plans by what holds them, tips of the robot seen from above."""
+    """Return the figure: tip errors of plans, and tips of the robot seen from above."""
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.boxplot(
@@ -91,7 +104,7 @@ def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
     left.set(ylabel="tip error [mm]", yscale="log", title="plans, table 2 in silicone")
     result, goal = 1e3 * tips(x, rows), 1e3 * np.array([row.tip for row in rows])
     right.plot(*goal[:, :2].T, "ko", mfc="none", label="measured")
-    right.plot(*result[:, :2].T, "r.", label="settled by lengths")
+    right.plot(*result[:, :2].T, "r.", label="model, given lengths")
     right.plot(*np.stack([goal[:, :2], result[:, :2]], 1).transpose(2, 1, 0), "r-", lw=0.6)
     right.set(xlabel="x [mm]", ylabel="y [mm]", title="measured robot, mixed rows", aspect="equal")
     right.legend()
@@ -99,17 +112,17 @@ def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print both tables and save the figure."""
+    """Print the tables and save the figure."""
     args = asked(
         __doc__,
         argv,
         {
             "--plans": 6,
             "--draws": 8,
-            "--every": (6, {"help": "of the rows with one tendon, fitted"}),
-            "--steps": (8, {"help": "of the fit"}),
-            "--several": (3, {"help": "of the mixed rows, fitted as well"}),
-            "--mixed": (None, {"help": "rows that are tried; all", "type": int}),
+            "--every": (6, {"help": "fit every n-th row with one tendon"}),
+            "--steps": (8, {"help": "largest number of evaluations of a fit"}),
+            "--several": (3, {"help": "fit also every n-th mixed row"}),
+            "--mixed": (None, {"help": "number of mixed rows; default: all", "type": int}),
             "--out": Path("out"),
         },
     )
@@ -118,17 +131,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     print("mean         " + "".join(f"{value:14.3f}" for value in table.mean(axis=0)))
     single, mixed = measured()
     mixed = mixed[: args.mixed]
-    x = fitted(single[:: args.every], steps=args.steps)
+    x = fit_robot(single[:: args.every], steps=args.steps)
     for name, value in zip(NAMES, x, strict=True):
         print(f"{name:<34}{value:12.5g}")
     for name, rows in (("one tendon", single[:: args.every]), ("mixed", mixed)):
         off = robot_errors(x, rows)
-        print(f"{name}: mean {off.mean():.2f} mm, worst {off.max():.2f} mm, floor {1e3 * FLOOR} mm")
-    known, others = mixed[:: args.several], [r for i, r in enumerate(mixed) if i % args.several]
-    x = fitted([*single[:: args.every], *known], x, args.steps)
+        errors = f"mean {off.mean():.2f} mm, worst {off.max():.2f} mm"
+        print(f"{name}: {errors}, resolution {1e3 * RESOLUTION} mm")
+    added = mixed[:: args.several]
+    others = [r for i, r in enumerate(mixed) if i % args.several]
+    x = fit_robot([*single[:: args.every], *added], x, args.steps)
     off = robot_errors(x, others)
-    message = f"by one tendon and {len(known)} mixed rows: mean {off.mean():.2f} mm"
-    print(f"{message}, worst {off.max():.2f} mm, of the {len(others)} others")
+    message = f"fit to one tendon and {len(added)} mixed rows: mean {off.mean():.2f} mm"
+    print(f"{message}, worst {off.max():.2f} mm for the {len(others)} other rows")
     print(f"{NAMES[1]:<34}{x[1]:12.5g}")
     for row, off in zip(mixed, robot_errors(x, mixed), strict=True):
         print(f"{row.label:<28}{off:8.2f} mm   slack: {slack_names(x, row)}")
@@ -137,9 +152,11 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "ftdcr_displacements.json"
 ROBOT_SCENE = Scene(Extension(), ExactTendons())
+# Arc lengths of the ends of the segments [m].
 ENDS = (0.06, 0.1225, 0.1865)
-FLOOR = 1.8e-3
-# What is fitted, the first guess of each, and what counts as a unit of it.
+# Resolution of the measured tips [m].
+RESOLUTION = 1.8e-3
+# Names of the fitted parameters.
 NAMES = (
     "log10 of the tendons' E A [N]",
     "log10 of the arm's E A [N]",
@@ -148,17 +165,21 @@ NAMES = (
     *(f"rotation {axis} [rad]" for axis in "xy"),
     *(f"translation {axis} [m]" for axis in "xyz"),
 )
+# Initial guess of the fitted parameters.
 FIRST = np.array([3.0, 3.0, -3.06, -2.56, -2.05, 0.0, 0.0, 0.0, 0, 0, 0, 0.012, 0])
+# Scales of the fitted parameters.
 UNITS = np.array([0.3, 0.3, 0.1, 0.1, 0.1, 3e-4, 3e-4, 3e-4, 0.05, 0.05, 3e-3, 3e-3, 3e-3])
-# Of the discs, and flexural stiffness of the wire: steel of 0.5 mm radius, E of 50 GPa as there.
-OFFSET, FLEXURAL = 4.5e-3, 50e9 * np.pi * 0.5e-3**4 / 4
-# Rows whose tendon is paid out farther are slack, and tell where the tip wanders to.
+# Distance of the tendons from the axis, given by the discs [m].
+OFFSET = 4.5e-3
+# Bending stiffness of the steel wire [N m2]: radius 0.5 mm, E = 50 GPa as in the source.
+FLEXURAL = 50e9 * np.pi * 0.5e-3**4 / 4
+# Tendon displacement [m] below which all tendons of a row are slack. These tips are undetermined.
 _SLACK = -3e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A measured pose: what is taken in of each tendon, base segment first, and the tip [m]."""
+    """A measured pose: the displacement of each tendon, base segment first, and the tip [m]."""
 
     label: str
     pull: Array
@@ -167,22 +188,22 @@ class Row:
 
 @lru_cache(maxsize=1)
 def measured() -> tuple[list[Row], list[Row]]:
-    """Return the rows with one tendon pulled, and the mixed ones."""
+    """Return the rows with one taut tendon, and the mixed rows."""
     data = json.loads(DATA.read_text())
     return rows_of(data["single_tendon"]), rows_of(data["mixed"])
 
 
 def rows_of(rows: list[dict[str, Any]]) -> list[Row]:
-    """Return rows of the file in SI units."""
+    """Return the rows of the file in SI units."""
     return [
         Row(r["label"], 1e-3 * np.array(r["pull_mm"]), 1e-3 * np.array(r["tip_mm"])) for r in rows
     ]
 
 
 def robot(x: Array) -> Arm:
-    """Return the arm of fitted values, its sections tip to base; its tip in its own frame.
+    """Return the arm with the fitted parameters, sections from tip to base.
 
-    Radius and modulus are those of a bar that has the wire's E J and the fitted E A.
+    Radius and modulus are those of a bar with the E J of the wire and the fitted E A.
     """
     thirds = 2 * np.pi / 3 * np.arange(3)
     sections = tuple(
@@ -196,15 +217,15 @@ def robot(x: Array) -> Arm:
     return Arm(ENDS[-1], Linear(R, R), sections, bar, frame, hull=Linear(1e-2, 1e-2))
 
 
-def settled(arm: Arm, x: Array, pull: Array) -> Shape:
-    """Return the shape for what is taken in of each tendon (9,), base segment first [m]."""
-    taken = pull - np.repeat(x[5:8], 3)
-    lengths = rest_lengths(arm) - taken.reshape(3, 3)[::-1].ravel()
+def solve_robot(arm: Arm, x: Array, pull: Array) -> Shape:
+    """Return the equilibrium for tendon displacements (9,) [m], base segment first."""
+    displacement = pull - np.repeat(x[5:8], 3)
+    lengths = rest_lengths(arm) - displacement.reshape(3, 3)[::-1].ravel()
     return settle(arm, scene=ROBOT_SCENE, accuracy=1e-3, lengths=lengths, tendon_EA=10.0 ** x[0])
 
 
 def tips(x: Array, rows: list[Row]) -> Array:
-    """Return where the tips of rows are (N, 3) [m], in the frame of the markers."""
+    """Return the tips of rows (N, 3) [m] in the frame of the markers."""
     pulls = tuple(tuple(row.pull.tolist()) for row in rows)
     turn = Rotation.from_rotvec([*x[8:10], 0.0])
     return turn.apply(_tips(tuple(x[:8].tolist()), pulls)) + x[10:13]
@@ -212,21 +233,21 @@ def tips(x: Array, rows: list[Row]) -> Array:
 
 @lru_cache(maxsize=64)
 def _tips(each: tuple[float, ...], pulls: tuple[tuple[float, ...], ...]) -> Array:
-    """Return tips (N, 3) in the arm's own frame: its n, b and t are the markers' x, y and z."""
+    """Return tips (N, 3) [m] along n, b and t of the arm's frame, the x, y and z of the markers."""
     x, results = np.array(each), []
     arm = robot(x)
     for pull in pulls:
         try:
-            results.append(settled(arm, x, np.array(pull)).tip)
+            results.append(solve_robot(arm, x, np.array(pull)).tip)
         except OctoplanError:
             results.append(np.zeros(3))
     return np.array(results)[:, [1, 2, 0]]
 
 
-def fitted(rows: list[Row], first: Array = FIRST, steps: int = 12) -> Array:
-    """Return the values that bring tips nearest to those measured, far ones counted less.
+def fit_robot(rows: list[Row], first: Array = FIRST, steps: int = 12) -> Array:
+    """Return the parameters with the least robust (soft-L1) distance to the measured tips.
 
-    Of the rows in which a tendon is pulled.
+    Rows without a taut tendon are ignored.
     """
     rows = [row for row in rows if row.pull.max() > _SLACK]
     goal = np.array([row.tip for row in rows])

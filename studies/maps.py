@@ -1,14 +1,14 @@
-"""Where does the arm reach, how soft is it there, and what does it cost to go there?
+"""Which points does the table 4 arm reach, with which stiffness and effort?
 
-Question: over the plane in which the third tendons bend the arm of table 4, where can its tip be,
-how compliant is the softest direction at the tip, and how hard must tendons pull to
-bring the tip to a point?
+Questions: The maps cover the plane in which the third tendons bend the arm of table 4. Which points
+does the tip reach, how compliant is the softest direction at the tip, and how large is the least
+effort for each point?
 
-Assumptions: extension, no loads. Workspace: all tensions drawn log-uniformly, up to 0.6, 5 and 15 N
-in sections 1 to 3, for uniform draws pull all tendons at once and crush two arms of three.
-Stiffness: third tendons of sections 1 and 3, up to the same. Plans: up to 20 N in each tendon. Each
-map is a sweep: its file and its Dataset are kept beside the figure, and a study that is stopped
-goes on where it was.
+Assumptions: Extension, no loads. Workspace: all tensions are random and log-uniform, up to 0.6, 5
+and 15 N in sections 1 to 3 (uniform tensions pull all tendons at once and crush two of three arms).
+Stiffness: third tendons of sections 1 and 3, with the same limits. Plans: up to 20 N in each
+tendon. Each map is a sweep. Its file and its Dataset are saved beside the figure, so that a stopped
+study resumes.
 
 Command: python -m studies.maps [--draws 2000] [--pulls 12] [--points 16] [--jobs 1] [--out out]
 
@@ -27,6 +27,7 @@ from matplotlib.figure import Figure
 from octoplan.planner import sweep
 from studies.reporting import asked, lettered
 
+# Largest tensions of sections 1 to 3 [N].
 MOST = (0.6, 5.0, 15.0)
 SCENE = """\
 [scene]
@@ -48,7 +49,7 @@ def axis(key: str, name: str, **others: object) -> str:
 
 
 def workspace(draws: int) -> str:
-    """Return the sweep file of the workspace: all tensions drawn at random."""
+    """Return the sweep file of the workspace: all tensions are random."""
     axes = [
         axis(
             f"tensions[{i}][{j}]",
@@ -83,19 +84,19 @@ def tensions(points: int) -> str:
 
 
 def run(name: str, text: str, out: Path, jobs: int) -> Any:
-    """Write a sweep file and return its Dataset, which is kept beside it."""
+    """Write and run a sweep file; return its Dataset, which is saved beside the file."""
     path = out / f"maps_{name}.toml"
     path.write_text(text)
     return sweep(path, path.with_suffix(".nc"), jobs=jobs)
 
 
 def softest(data: Any) -> Any:
-    """Return the largest displacement per force at the tip [mm/mN], of each point."""
+    """Return the largest displacement per force at the tip [mm/mN] for each point."""
     return np.linalg.svd(data.compliance.values[..., :3, :3], compute_uv=False)[..., 0]
 
 
 def draw(reach: Any, soft: Any, cost: Any) -> Figure:
-    """Return the figure: three maps, x along the straight arm, all at one scale."""
+    """Return the figure: three maps with one scale, x along the straight arm."""
     figure = Figure(figsize=(11.5, 4.0), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     tips = 1e3 * reach.tip.values
@@ -103,7 +104,7 @@ def draw(reach: Any, soft: Any, cost: Any) -> Figure:
     off = np.hypot(tips[:, 1], tips[:, 2])
     seen = axes[0].scatter(tips[:, 0], off, c=pull, s=5, cmap="viridis_r")
     _bar(figure, seen, axes[0], "sum of all tensions [N]")
-    axes[0].set_ylabel("off the x axis [mm]")
+    axes[0].set_ylabel("distance from the x axis [mm]")
     tips = 1e3 * soft.tip.values.reshape(-1, 3)
     seen = axes[1].scatter(tips[:, 0], tips[:, 1], c=softest(soft).ravel(), s=18, cmap="magma_r")
     _bar(figure, seen, axes[1], "tip displacement in its softest direction [mm/mN]")
@@ -113,9 +114,9 @@ def draw(reach: Any, soft: Any, cost: Any) -> Figure:
     missed = np.argwhere(~cost.reached.values)
     axes[2].scatter(cost.x.values[missed[:, 0]], cost.y.values[missed[:, 1]], 8, "0.6", marker="x")
     titles = (
-        f"where the tip can be, {int(reach.settled.sum())} draws",
-        "how soft it is there, two tendons pulling",
-        "what it costs to go there, x: not reached",
+        f"workspace, {int(reach.settled.sum())} random tensions",
+        "compliance of the tip, two taut tendons",
+        "least effort; x: not reached",
     )
     lettered(zip(axes, titles, strict=True))
     for ax in axes:
@@ -131,7 +132,7 @@ def _bar(figure: Figure, seen: Any, ax: Any, label: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study: print its table, save its figure."""
+    """Print the table and save the figure."""
     args = asked(
         __doc__,
         argv,
@@ -147,10 +148,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     soft = run("stiffness", stiffness(args.pulls), args.out, args.jobs)
     cost = run("tensions", tensions(args.points), args.out, args.jobs)
     far = 1e3 * np.linalg.norm(reach.tip.values, axis=1)
-    print(f"workspace: {int(reach.settled.sum())} of {far.size} draws settle,", end=" ")
+    print(f"workspace: {int(reach.settled.sum())} of {far.size} tension sets settle,", end=" ")
     print(f"tips from {np.nanmin(far):.0f} to {np.nanmax(far):.0f} mm from the base")
     give = softest(soft)
-    print(f"stiffness: the softest direction gives {give.min():.3g} to {give.max():.3g} mm/mN")
+    print(f"compliance: the softest direction gives {give.min():.3g} to {give.max():.3g} mm/mN")
     effort = cost.effort.values[cost.reached.values]
     print(f"tensions: {effort.size} of {cost.effort.size} points are reached,", end=" ")
     print(f"with {effort.min():.3g} to {effort.max():.3g} N" if effort.size else "none")

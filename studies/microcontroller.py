@@ -1,19 +1,20 @@
-"""Are the map and its inverse fast enough for a microcontroller, as the paper says of its model?
+"""Are the map and its inverse fast enough for a microcontroller?
 
-The paper calls it "fast enough to implement on a microcontroller as virtual sensor or internal
-model". Its statics, the arm of table 4 and the tensions of figure 15 are exported as C, compiled
-for a Cortex-M7, checked against Python and counted in QEMU. So is the inverse, which follows a tip
-target about a circle of 15 mm in 50 steps of about 2 mm.
+The paper calls its model "fast enough to implement on a microcontroller as virtual sensor or
+internal model". This study exports the paper's statics, the arm of table 4 and the tensions of
+figure 15 as C code, compiles the code for a Cortex-M7, checks the results against Python and counts
+instructions in QEMU. The same is done for the inverse, which follows a tip target around a circle
+of 15 mm in 50 steps of about 2 mm.
 
-Assumed: 480 MHz and one instruction a cycle. A Cortex-M7 may issue two at once, but waits for slow
-memory and takes several cycles for divisions, roots and most operations in double precision; the
-rates say what order to expect, above all in double.
+Assumptions: 480 MHz and one instruction per cycle. A Cortex-M7 can issue two instructions per
+cycle, but waits for slow memory, and divisions, roots and most operations in double precision take
+several cycles. The rates are orders of magnitude, above all in double precision.
 
 Answer: in studies/README.md.
 
     python -m studies.microcontroller [SCENE.toml] [--precision float] [--accuracy 1e-3] [--inverse]
 
-Needs arm-none-eabi-gcc with newlib, and qemu-system-arm.
+Requires arm-none-eabi-gcc with newlib, and qemu-system-arm.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ from studies.reporting import asked
 
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 HERTZ = 480e6
-TARGET, MAXIMUM = (0.20, 0.15, -0.20), 20.0
+# Tip target of the inverse [m].
+TARGET = (0.20, 0.15, -0.20)
+# Largest tension of each tendon [N].
+MAXIMUM = 20.0
 _FIGURE_15 = Path(__file__).parent / "scenes" / "figure_15.toml"
 _BOARD = Path(__file__).parent / "cortex_m7"
 _TARGET = ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb", "-O2")
@@ -44,14 +48,14 @@ _QEMU = ("-M", "mps2-an500", "-nographic", "-icount", "shift=0", "-semihosting-c
 
 @dataclass(frozen=True)
 class Cost:
-    """What the exported functions take on the processor.
+    """Memory and instructions of the exported functions on the processor.
 
     Attributes
     ----------
     flash, static : int
-        Code with its tables, and work arrays [bytes].
+        Sizes of code and tables, and of work arrays [bytes].
     instructions, stack : dict
-        Of a call of "tip", "nodes" and "jacobian" [-], [bytes].
+        Instructions [-] and stack [bytes] of one call of "tip", "nodes" and "jacobian".
     """
 
     flash: int
@@ -61,35 +65,38 @@ class Cost:
 
 
 class DisagreesError(Exception):
-    """The test vector came out differently on the processor; the message is the program's."""
+    """The processor computes another result than the test vector; see the program's message."""
 
 
 def missing() -> str:
-    """Return the names of the tools that are not there."""
+    """Return the names of the tools that are not installed."""
     return ", ".join(tool for tool in TOOLS if shutil.which(tool) is None)
 
 
 def measured(arm: Arm, scene: Scene, tensions: Any, accuracy: float, precision: Any) -> Cost:
-    """Return the cost of an exported scene whose test vector agrees; raises DisagreesError."""
+    """Return the cost of an exported scene.
+
+    Raise DisagreesError if the processor does not reproduce the test vector.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         export(arm, scene, folder, tensions, accuracy, precision)
-        said = run(build(folder, folder / "main.c"))
-        if said.returncode != 0:
-            raise DisagreesError(said.stdout + said.stderr)
+        test = run(build(folder, folder / "main.c"))
+        if test.returncode != 0:
+            raise DisagreesError(test.stdout + test.stderr)
         lines = [
             line.split() for line in run(build(folder, _BOARD / "bench.c")).stdout.splitlines()
         ]
         return Cost(
             *_size(folder, "arm"),
-            {what: int(count) for what, count, _ in lines},
-            {what: int(depth) for what, _, depth in lines},
+            {name: int(count) for name, count, _ in lines},
+            {name: int(depth) for name, _, depth in lines},
         )
 
 
 @dataclass(frozen=True)
 class InverseCost:
-    """What a re-plan takes: instructions in the mean and at most, the rest as in Cost [bytes]."""
+    """Memory [bytes] as in Cost, and mean and largest number of instructions of a new plan."""
 
     flash: int
     static: int
@@ -99,24 +106,25 @@ class InverseCost:
 
 
 def measured_inverse(p: Plan, accuracy: float, precision: Any) -> InverseCost:
-    """Return the cost of the exported inverse of a plan whose test vector agrees.
+    """Return the cost of the exported inverse of a plan.
 
-    Raises DisagreesError, also where a target of the circle is not met.
+    Raise DisagreesError if the processor does not reproduce the test vector, or misses a target of
+    the circle.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         export_plan(p, folder, accuracy, precision)
         for main in (folder / "plan_main.c", _BOARD / "bench_plan.c"):
-            said = run(build(folder, main))
-            if said.returncode != 0:
-                raise DisagreesError(said.stdout + said.stderr)
+            result = run(build(folder, main))
+            if result.returncode != 0:
+                raise DisagreesError(result.stdout + result.stderr)
         sizes = [_size(folder, part) for part in ("arm", "arm_plan")]
-        mean, most, stack = map(int, said.stdout.split()[:3])
+        mean, most, stack = map(int, result.stdout.split()[:3])
         return InverseCost(sum(s[0] for s in sizes), sum(s[1] for s in sizes), mean, most, stack)
 
 
 def _size(folder: Path, part: str) -> tuple[int, int]:
-    """Return the bytes of code and tables, and of work arrays, of a file compiled."""
+    """Compile a file; return the sizes of code and tables, and of work arrays [bytes]."""
     compiled = folder / f"{part}.o"
     _call("arm-none-eabi-gcc", *_TARGET, *_STRICT, "-c", folder / f"{part}.c", "-o", compiled)
     text, data, bss = _call("arm-none-eabi-size", compiled).splitlines()[1].split()[:3]
@@ -124,7 +132,7 @@ def _size(folder: Path, part: str) -> tuple[int, int]:
 
 
 def build(folder: Path, main: Path) -> Path:
-    """Return a program for the processor, made of a main file and the export in a folder."""
+    """Build a program for the processor from a main file and the exported code in a folder."""
     program = folder / f"{main.stem}.elf"
     link = (
         "-nostartfiles",
@@ -148,7 +156,7 @@ def build(folder: Path, main: Path) -> Path:
 
 
 def run(program: Path) -> subprocess.CompletedProcess[str]:
-    """Return what a program said on the emulated board, and its exit code."""
+    """Run a program on the emulated board; return its output and exit code."""
     command = ["qemu-system-arm", *_QEMU, "-kernel", str(program)]
     return subprocess.run(
         command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
@@ -170,26 +178,26 @@ def main(argv: Sequence[str] | None = None) -> None:
             "scene": (_FIGURE_15, {"help": "a scene file", "nargs": "?"}),
             "--precision": ["float", "double"],
             "--accuracy": [1e-3, 1e-6],
-            "--inverse": (False, {"help": "what a re-plan takes instead"}),
+            "--inverse": (False, {"help": "measure a new plan instead of the map"}),
         },
     )
     if missing():
-        print(f"not measured, not installed: {missing()}")
+        print(f"not measured, because these tools are not installed: {missing()}")
         return
     request = load(args.scene)
     if args.inverse:
         _print_inverse(request.arm, request.scene, args.precision)
         return
     print(
-        f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
+        f"{'type':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
         f"{'tip pose':>20}{'tip Jacobian':>22}"
     )
     for precision in args.precision:
         for accuracy in args.accuracy:
             cost = measured(request.arm, request.scene, request.tensions, accuracy, precision)
             cells = [
-                f"{cost.instructions[what]:>8} = {HERTZ / cost.instructions[what] / 1e3:>4.1f} kHz"
-                for what in ("tip", "jacobian")
+                f"{cost.instructions[name]:>8} = {HERTZ / cost.instructions[name] / 1e3:>4.1f} kHz"
+                for name in ("tip", "jacobian")
             ]
             sizes = f"{cost.flash / 1e3:>6.1f} kB{cost.static / 1e3:>6.1f} kB"
             stack = max(cost.stack.values())
@@ -197,9 +205,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _print_inverse(arm: Arm, scene: Scene, precisions: Sequence[Any]) -> None:
-    """Print what a re-plan takes."""
-    head = f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
-    print(f"{head}{'re-plan':>20}{'most':>10}")
+    """Print the cost of a new plan."""
+    head = f"{'type':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
+    print(f"{head}{'new plan':>20}{'largest':>10}")
     p = plan(arm, TipPosition(TARGET), scene, MAXIMUM)
     if not p.reached:
         print(f"no inverse: {p.outcome}")

@@ -1,16 +1,17 @@
 """How long does the paper's fetch take as a motion, and what does it cost?
 
-Question: the arm of table 4 reaches for a thing, bends, and brings it to the mouth. How long does
-that take at a given rate of tension, against a bound from the limits alone; how much effort does it
-take if there is more time; is any limit exceeded at any instant; and what does a waypoint cost?
+Questions: The arm of table 4 reaches for an object, bends, and moves the object to the mouth. How
+long does this take at a given rate of tension, compared with a lower bound? How much effort does a
+slower motion need, is any limit exceeded at any time, and how long does the planner take for each
+waypoint?
 
-Assumptions: the paper's scene; the thing is 300 mm ahead and 120 mm aside; the mouth is the centre
-of the base, which the tip reaches as in figure 14: three bends of 30 degrees or more in a plane;
-each tendon up to 13 N, 5 N/s. No motion is sooner than any of its targets alone, from rest: the
-slowest of these is the bound.
+Assumptions: The paper's scene. The object is 300 mm ahead and 120 mm to the side. The mouth is the
+centre of the base, which the tip reaches as in figure 14, with three bends of at least 30 degrees
+in a plane. Each tendon pulls up to 13 N, with up to 5 N/s. A motion through several targets takes
+at least as long as the slowest motion from rest to one of the targets; this is the lower bound.
 
-What a waypoint costs is counted along a path among three obstacles that it passes, in processor
-time of one process, compiled, the second time that it is asked for, without the certificate.
+The planning time of a waypoint is measured along a path among three obstacles, in processor time of
+one process, compiled, in the second run, without the certificate.
 
 Command: python -m studies.motion [--rate 5] [--longer 2 4] [--waypoints 10 50] [--out out]
 
@@ -34,17 +35,18 @@ from octoplan.planner.frontends.plots.plan import save
 from octoplan.planner.targets import Fetch, Target, TipPosition
 from studies.reporting import asked
 
-SCENE, MAXIMUM = Scene(Extension()), 13.0
-THING = (0.3, 0.12, 0.0)
+SCENE = Scene(Extension())
+MAXIMUM = 13.0
+OBJECT = (0.3, 0.12, 0.0)
 BENT = (0.15, 0.15, 0.0)
 MOUTH = Fetch.reach((0.0, 0.0, 0.0), float(np.radians(30)), float(np.radians(-90)))
 STAGES: dict[str, Target] = {
-    "reach": TipPosition(THING),
+    "reach": TipPosition(OBJECT),
     "bend": TipPosition(BENT),
     "bring": MOUTH,
 }
 _INSTANTS = 10_001
-PASSED = [
+OBSTACLES = [
     Sphere((0.2, 0.12, -0.12), 0.03),
     Capsule((0.15, -0.06, -0.06), (0.25, -0.09, -0.06), 0.02),
     Box((0.36, 0.22, -0.1), (0.05, 0.05, 0.05)),
@@ -52,8 +54,9 @@ PASSED = [
 
 
 def motion(rate: float, names: Sequence[str] = tuple(STAGES), times: object = None) -> Trajectory:
-    """Return the motion through some stages."""
-    arm, targets = Arm.from_paper("table-4"), [STAGES[name] for name in names]
+    """Return the motion through the named stages."""
+    arm = Arm.from_paper("table-4")
+    targets = [STAGES[name] for name in names]
     return trajectory(arm, targets, SCENE, MAXIMUM, rate_max=rate, times=times)
 
 
@@ -64,7 +67,7 @@ def effort(result: Trajectory) -> float:
 
 
 def excess(result: Trajectory, rate: float) -> float:
-    """Return the largest share of a limit or rate that is taken up at very many instants."""
+    """Return the largest tension or rate relative to its limit, over many instants."""
     t = np.linspace(0.0, result.duration, _INSTANTS)
     T = result.at(t)
     speed = np.abs(np.diff(T, axis=0)).max() / (t[1] - t[0])
@@ -72,14 +75,15 @@ def excess(result: Trajectory, rate: float) -> float:
 
 
 def path(share: float) -> tuple[float, float, float]:
-    """Return the tip's place on a turn of a screw, by the share of the way."""
+    """Return the tip position [m] on one turn of a helix, for a share of the path in [0, 1]."""
     turn = 2 * np.pi * share
     return 0.3 + 0.03 * np.cos(turn), 0.1 + 0.05 * np.sin(turn), -0.1 - 0.03 * share
 
 
 def cost(count: int) -> tuple[float, float, bool]:
-    """Return the times of a waypoint and of its certificate [s], and whether that passed."""
-    arm, options = Arm.from_paper("table-4"), {"obstacles": PASSED, "clearance": 0.002}
+    """Return the times of a waypoint and of its certificate [s], and whether this passes."""
+    arm = Arm.from_paper("table-4")
+    options = {"obstacles": OBSTACLES, "clearance": 0.002}
     for _ in range(2):
         begin = time.process_time()
         result = trajectory(
@@ -92,7 +96,7 @@ def cost(count: int) -> tuple[float, float, bool]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study, print its table and save its figure."""
+    """Print the table and save the figure."""
     args = asked(
         __doc__,
         argv,
@@ -104,7 +108,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         },
     )
     best = motion(args.rate)
-    print(f"{'motion':<26} {'time [s]':>9} {'effort [N]':>10} {'most of a limit':>16}  passed")
+    print(f"{'motion':<26} {'time [s]':>9} {'effort [N]':>10} {'limit used':>16}  passed")
     alone = [motion(args.rate, [name]) for name in STAGES]
     shown = dict(zip((f"{name} alone, from rest" for name in STAGES), alone, strict=True))
     shown["reach, bend, bring"] = best
@@ -115,12 +119,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         numbers = f"{value.duration:9.3f} {effort(value):10.3f} {excess(value, args.rate):16.6f}"
         print(f"{name:<26} {numbers}  {value.certificate.passed}")
     bound = max(result.duration for result in alone)
-    print(f"least time over the bound {best.duration / bound:.3f}")
+    print(f"least time over the lower bound {best.duration / bound:.3f}")
     print(best.outcome)
     for count in args.waypoints:
         values, check, passed = cost(count)
         message = f"{1e3 * values:.1f} ms each, certificate {1e3 * check:.1f} ms, passed {passed}"
-        print(f"{count} waypoints among {len(PASSED)} obstacles: {message}")
+        print(f"{count} waypoints among {len(OBSTACLES)} obstacles: {message}")
     save(plot_trajectory(best), args.out / "motion.png")
 
 

@@ -123,7 +123,7 @@ class Case:
 
     @property
     def wrong(self) -> bool:
-        """Whether the plan is reported as reached but misses the target."""
+        """True if the plan is reported as reached but misses the target."""
         return self.reached and not self.error <= _WRONG
 
     def again(self) -> str:
@@ -232,7 +232,7 @@ def report(cases: Sequence[Case], beyond: bool) -> None:
 
 
 def write_failures(cases: Sequence[Case], out: Path) -> None:
-    """Write a script for each case that failed or exceeds the best known effort by over 1 %."""
+    """Write scripts of the cases that failed or exceed the best effort by more than 1 %."""
     for case in cases:
         if case.wrong or not case.reached or case.cost > 1.01:
             why = "wrong" if case.wrong else "costly" if case.reached else "failed"

@@ -1,15 +1,15 @@
-"""Are numbers of an arm recovered from noisy markers, and do their intervals say how well?
+"""Does `calibrate` recover the parameters of an arm from noisy markers, with honest intervals?
 
-Question: of random hanging arms in random scenes whose markers are measured with noise, how often
-do the 68 and 95 % intervals hold the true numbers, and the joint regions all of them at once? Where
-one unknown trades with others, and where a marker is far off in one shape, is that told?
+Questions: For random hanging arms in random scenes with noisy markers, how often do the 68 and 95 %
+confidence intervals contain the true parameters, and how often do the joint regions contain all of
+them? Does `calibrate` report parameters that cannot be distinguished, and outliers?
 
-Assumptions: cones of 0.1 to 0.4 m with one or two sections of two to four tendons; exact tendons
-or the paper's, linear or neo-Hookean; weight, water or a payload or none of them; shapes of three
-markers, noise of 0.1 to 2 mm, the same for all and unknown to the fit, which begins up to 15 % off;
-one to eight of the unknowns of `UNKNOWNS`. Trades: modulus, density under weight, and what all
-tensions are multiplied by, without a payload. Outliers: one marker in one of eight shapes is 30
-standard deviations off; the loss is soft-L1.
+Assumptions: Cones of 0.1 to 0.4 m with one or two sections of two to four tendons; exact tendons or
+the paper's, linear or neo-Hookean body; no loads, weight or weight in water, with or without a
+payload. Each shape has three markers. The noise is 0.1 to 2 mm, the same for all markers, and not
+given to the fit. The initial guess is wrong by up to 15 %, with one to eight unknowns. Trade-offs:
+modulus, density under weight, and a common factor of all tensions, without a payload. Outliers: one
+marker in one of eight shapes is wrong by 30 standard deviations; the loss is soft-L1.
 
 Command: python -m studies.recovery [--arms 200] [--seed 0] [--cases 40]
 
@@ -44,22 +44,31 @@ LAWS: tuple[tuple[Effect, ...], ...] = (
     (Extension(), ExactTendons(), NeoHookean()),
 )
 LOADS: tuple[tuple[Effect, ...], ...] = ((), (Weight(),), (Weight(), Buoyancy(1000.0)))
+# Confidence levels of the intervals and regions.
 LEVELS = (0.68, 0.95)
-SHAPES, MARKERS, OUTLIER = 5, (0.35, 0.7, 1.0), 30.0
+# Number of measured shapes.
+SHAPES = 5
+# Arc lengths of the markers, relative to the arm's length.
+MARKERS = (0.35, 0.7, 1.0)
+# Error of an outlier, in standard deviations.
+OUTLIER = 30.0
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """By level, whether the intervals (K,) of a random arm hold the truth, and its region."""
+    """Success of the intervals (K,) and of the region of a random arm, for each level.
+
+    True means that the interval or region contains the true parameters.
+    """
 
     intervals: tuple[tuple[bool, ...], ...]
     regions: tuple[bool, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
-    """A random arm, its scene, the noise of its markers [m], and the numbers to be recovered."""
+class RandomArm:
+    """A random arm, its scene, the noise of its markers [m], and the true parameters."""
 
     arm: Arm
     scene: Scene
@@ -67,14 +76,14 @@ class Question:
     truth: dict[str, float]
 
     def unknowns(self, keys: Sequence[str]) -> list[Unknown]:
-        """Return unknowns with bounds that hold the truth and where fits begin."""
+        """Return unknowns whose bounds contain the true values and the initial guesses."""
         turns = {key: 40.0 if "deg" in key else 20.0 for key in keys if key not in _SCALED}
         rows = [(key, self.truth[key]) for key in keys]
         reach = [turns.get(key, 0.6 * abs(x)) for key, x in rows]
         return [Unknown(key, x - r, x + r) for (key, x), r in zip(rows, reach, strict=True)]
 
     def guess(self, keys: Sequence[str], rng: np.random.Generator) -> tuple[Arm, Scene]:
-        """Return arm and scene with modulus, density and payload off by up to 15 %."""
+        """Return arm and scene with errors of modulus, density and payload of up to 15 %."""
         off = 1 + rng.uniform(-0.15, 0.15, 3)
         values = self.arm.material
         E = values.E * (off[0] if "arm.E_kPa" in keys else 1.0)
@@ -88,8 +97,8 @@ class Question:
         return replace(self.arm, material=material), Scene(*effects)
 
 
-# Bounds of these are 60 % to either side of the truth; of the others, in deg and mm, fixed.
 MASS = "effects.point_masses[0].mass_g"
+# Unknowns with bounds of +-60 % around the truth. Others have fixed widths in degrees or mm.
 _SCALED = (
     "arm.E_kPa",
     "arm.density",
@@ -119,7 +128,7 @@ def arm_of(rng: np.random.Generator) -> Arm:
 def shapes_of(
     arm: Arm, scene: Scene, noise: float, rng: np.random.Generator, count: int = SHAPES
 ) -> list[Measured]:
-    """Return what markers of an arm show under random tensions that bend it by some 1 rad."""
+    """Return measured shapes of an arm under random tensions that bend it by about 1 rad."""
     results, R = list[Measured](), arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
     usual = arm.material.E * np.pi * R**3 / (2 * arm.length)
     while len(results) < count:
@@ -137,8 +146,8 @@ def shapes_of(
     return results
 
 
-def question(rng: np.random.Generator, payload: bool = True) -> Question:
-    """Return a random arm, and the true values of what may be unknown of it."""
+def random_arm(rng: np.random.Generator, payload: bool = True) -> RandomArm:
+    """Return a random arm with the true values of all possible unknowns."""
     arm, law = arm_of(rng), LAWS[int(rng.integers(len(LAWS)))]
     loads = LOADS[int(rng.integers(len(LOADS)))]
     R = arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
@@ -161,18 +170,18 @@ def question(rng: np.random.Generator, payload: bool = True) -> Question:
         truth["arm.density"] = arm.material.density
     if scene.has(PointMass):
         truth[MASS] = MM * next(load.mass for load in loads if isinstance(load, PointMass))
-    return Question(arm, scene, 10 ** rng.uniform(-4, -2.7), truth)
+    return RandomArm(arm, scene, 10 ** rng.uniform(-4, -2.7), truth)
 
 
 def recovered(seed: int) -> Recovered:
-    """Return what a calibration makes of a random arm."""
+    """Return the result of a calibration of a random arm."""
     rng = np.random.default_rng(seed)
-    of = question(rng)
+    case = random_arm(rng)
     count = int(rng.integers(1, 9))
-    keys = rng.permutation(list(of.truth))[:count].tolist()
-    measured = shapes_of(of.arm, of.scene, of.noise, rng)
-    result = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys))
-    off = (result.array - [of.truth[key] for key in keys]) / result.std
+    keys = rng.permutation(list(case.truth))[:count].tolist()
+    measured = shapes_of(case.arm, case.scene, case.noise, rng)
+    result = calibrate(*case.guess(keys, rng), measured, case.unknowns(keys))
+    off = (result.array - [case.truth[key] for key in keys]) / result.std
     correlation = result.covariance / np.outer(result.std, result.std)
     distance = off @ np.linalg.solve(correlation, off) / off.size
     freedom = result.degrees_of_freedom
@@ -182,41 +191,41 @@ def recovered(seed: int) -> Recovered:
     )
 
 
-def trade_told(seed: int) -> bool:
-    """Return whether it is told that modulus and density trade with the unit of tension."""
+def reports_trade_off(seed: int) -> bool:
+    """Calibrate a random arm; return whether the trade-off with the tension scale is reported."""
     rng = np.random.default_rng(seed)
-    of = question(rng, payload=False)
-    wanted = {"arm.E_kPa", *{"arm.density"} & set(of.truth)}
+    case = random_arm(rng, payload=False)
+    wanted = {"arm.E_kPa", *{"arm.density"} & set(case.truth)}
     keys = [*wanted, "arm.sections[0].offset_mm[0]", "points[1].offset_mm[2]"]
-    scale = Unknown(tuple(f"tension_scale[{j}]" for j in range(of.arm.n_tendons)), 0.5, 2.0)
-    measured = shapes_of(of.arm, of.scene, of.noise, rng)
-    result = calibrate(of.arm, of.scene, measured, [*of.unknowns(keys), scale])
+    scale = Unknown(tuple(f"tension_scale[{j}]" for j in range(case.arm.n_tendons)), 0.5, 2.0)
+    measured = shapes_of(case.arm, case.scene, case.noise, rng)
+    result = calibrate(case.arm, case.scene, measured, [*case.unknowns(keys), scale])
     names = {name for each in result.unidentified if np.isinf(each.std) for name in each.names}
     return wanted <= names and scale.name in names
 
 
-def outlier_told(seed: int) -> bool:
-    """Return whether the shape of which a marker is far off is named."""
+def reports_outlier(seed: int) -> bool:
+    """Calibrate a random arm with an outlier; return whether the shape is reported."""
     rng = np.random.default_rng(seed)
-    of = question(rng)
-    keys = [key for key in ("arm.E_kPa", "arm.density") if key in of.truth]
-    measured = shapes_of(of.arm, of.scene, of.noise, rng, 8)
+    case = random_arm(rng)
+    keys = [key for key in ("arm.E_kPa", "arm.density") if key in case.truth]
+    measured = shapes_of(case.arm, case.scene, case.noise, rng, 8)
     which, away = int(rng.integers(8)), rng.normal(size=3)
-    wrong, far = measured[which], OUTLIER * of.noise * away / np.linalg.norm(away)
+    wrong, far = measured[which], OUTLIER * case.noise * away / np.linalg.norm(away)
     (s, offset, place), *points = wrong.points
     measured[which] = replace(wrong, points=[(s, offset, np.array(place) + far), *points])
-    result = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys), loss="soft_l1")
+    result = calibrate(*case.guess(keys, rng), measured, case.unknowns(keys), loss="soft_l1")
     return wrong.name in result.outcome
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print how many intervals and regions hold the truth, and what is told."""
+    """Print the shares of intervals and regions that contain the truth, and of reports."""
     args = asked(
         __doc__,
         argv,
         {
             "--arms": 200,
-            "--cases": (40, {"help": "trades, and outliers"}),
+            "--cases": (40, {"help": "number of trade-offs, and of outliers"}),
             "--seed": 0,
         },
     )
@@ -226,15 +235,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         held = [interval for row in results for interval in row.intervals[k]]
         regions = np.mean([row.regions[k] for row in results])
         print(
-            f"{100 * level:.0f} %: {100 * np.mean(held):.1f} % of {len(held)} intervals hold the "
-            f"truth, {100 * regions:.1f} % of {len(results)} regions"
+            f"{100 * level:.0f} %: {100 * np.mean(held):.1f} % of {len(held)} intervals contain "
+            f"the truth, {100 * regions:.1f} % of {len(results)} regions"
         )
-    for what, is_told in (
-        ("trades with the unit of tension", trade_told),
-        ("outliers", outlier_told),
+    for name, is_reported in (
+        ("trade-offs with the tension scale", reports_trade_off),
+        ("outliers", reports_outlier),
     ):
-        count = sum(is_told(first + i) for i in range(args.cases))
-        print(f"{what} told: {count} of {args.cases}")
+        count = sum(is_reported(first + i) for i in range(args.cases))
+        print(f"{name} reported: {count} of {args.cases}")
 
 
 if __name__ == "__main__":

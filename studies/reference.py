@@ -1,7 +1,8 @@
-"""Shapes that errors are measured against: by collocation in scenes without loads.
+"""Reference shapes for the measurement of errors.
 
-`settle` solves each cross-section by itself in these scenes, so that collocation is a second way.
-Under loads and as printed the reference is a settle to a finer accuracy.
+In scenes without loads the reference is a collocation solution, because `settle` uses another
+method there: a separate solution of each cross-section. Under loads, and for the statics as
+printed, the reference is `settle` with a finer accuracy.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from octoplan.model.forward import collocation_map
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 
-# Refinement at which collocation leaves rounding.
+# Refinement at which the error of collocation is at the level of rounding.
 _FINE = 96
 
 
 def reference_shape(arm: Arm, tensions: Array, scene: Scene, accuracy: float) -> Shape:
-    """Return the shape to an accuracy, by collocation on a fine mesh if the scene has no loads."""
+    """Return the reference shape with the given accuracy.
+
+    Use collocation on a fine mesh if the scene has no loads.
+    """
     shape = settle(arm, tensions, scene, accuracy)
     if is_loaded(scene) or scene.has(PrintedStatics):
         return shape

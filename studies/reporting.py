@@ -1,4 +1,4 @@
-"""How studies are asked and report: options, one look for all figures, what Ctrl-C leaves."""
+"""Command-line options, figure style and handling of Ctrl-C for the studies."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-GRID, INK = "#e3e5e8", "#30343a"
-# By what is drawn: a thing has one colour in all panels and figures.
+# Colour of grid lines.
+GRID = "#e3e5e8"
+# Colour of titles and neutral lines.
+INK = "#30343a"
+# Colour of each statics, the same in all panels and figures.
 STATICS = {
     "paper": "#1f6fb4",
     "exact tendons": "#e8912c",
@@ -22,7 +25,7 @@ STATICS = {
 
 
 def lettered(panels: Iterable[tuple[Axes, str]]) -> None:
-    """Give panels their letters and titles, and all the same look."""
+    """Set letters, titles and the common style of panels."""
     for letter, (ax, title) in zip(ascii_lowercase, panels, strict=False):
         ax.set_title(f"{letter}  {title}", loc="left", fontsize=11, color=INK)
         ax.grid(color=GRID, linewidth=0.6)
@@ -32,30 +35,30 @@ def lettered(panels: Iterable[tuple[Axes, str]]) -> None:
 
 @contextmanager
 def keep_finished() -> Iterator[None]:
-    """Leave the block at Ctrl-C and go on after it, with what was finished, and say so."""
+    """Leave the block at Ctrl-C, print a notice, and continue with the finished results."""
     try:
         yield
     except KeyboardInterrupt:
-        print("interrupted: what follows is of what was finished", file=sys.stderr)
+        print("interrupted: the tables contain only the finished cases", file=sys.stderr)
 
 
 def asked(
     doc: str | None, argv: Sequence[str] | None, options: Mapping[str, Any], prog: str | None = None
 ) -> argparse.Namespace:
-    """Return what a study is asked; the folder of its `--out` is made.
+    """Parse the options of a study and create the folder of `--out`.
 
-    Each option by its default, or with more of what argparse takes: (default, {..}). A list takes
-    any number of values, False is a switch.
+    `options` maps each option to its default, or to (default, keyword arguments of argparse). An
+    option with a list as default takes any number of values; False makes the option a switch.
     """
     parser = argparse.ArgumentParser(prog, description=(doc or "").partition("\n")[0])
     for name, option in options.items():
         default, more = option if isinstance(option, tuple) else (option, {})
-        how: dict[str, Any] = {"default": default, "type": type(default)}
+        settings: dict[str, Any] = {"default": default, "type": type(default)}
         if isinstance(default, list):
-            how |= {"type": type(default[0]), "nargs": "*"}
+            settings |= {"type": type(default[0]), "nargs": "*"}
         elif default is None or default is False:
-            how = {} if default is None else {"action": "store_true"}
-        parser.add_argument(name, **how | more)
+            settings = {} if default is None else {"action": "store_true"}
+        parser.add_argument(name, **settings | more)
     args = parser.parse_args(argv)
     if "out" in args:
         args.out.mkdir(parents=True, exist_ok=True)

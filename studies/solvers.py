@@ -1,15 +1,16 @@
-"""What does multiple shooting solve that tensions alone do not?
+"""Does multiple shooting meet more targets than an optimiser of the tensions alone?
 
-Question: from the same initial guesses, how often does the planner's program (tensions, poses,
-wrenches and strains as unknowns, ipopt) meet a tip, how often the program in the tensions alone,
-the arm settled at each step, by SciPy's SLSQP and trust-constr; and how often is it the best?
+Questions: The planner's program has tensions, poses, wrenches and strains as unknowns and is solved
+with ipopt. The alternative has only the tensions as unknowns, evaluates `settle` at each step, and
+is solved with SLSQP or trust-constr from SciPy. From the same initial guesses, how often does each
+solver meet a tip target, and how often is its optimum the best?
 
-Assumptions: tips of settled shapes (studies.draws), table 4, maxima of 20 N, the planner's
-first initial guesses. The program in the tensions alone has exact derivatives
-(octoplan.model.stiffness); meshes of both are those of the search, shapes of SciPy's are settled to
-1e-4. Met is what is within 1e-3 of the length of the tip when it is settled; best is what takes no
-more than 1 % more effort than the least of all. Times are the processor's, medians over all solves,
-met or not.
+Assumptions: Targets are tips of random equilibria (studies.draws) of the arm of table 4, tensions
+up to 20 N, from the planner's first initial guesses. The program in the tensions alone has exact
+derivatives (octoplan.model.stiffness). Ipopt uses the mesh of the search, SciPy shapes with an
+accuracy of 1e-4. A target is met if the tip of the equilibrium is within 1e-3 of the arm's length.
+An optimum is the best if its effort exceeds the least effort of all solvers by at most 1 %. Times
+are processor times, medians over all solves, including failed ones.
 
 Command: python -m studies.solvers [--targets 12] [--guesses 4] [--scenes paper silicone] [--seed 0]
 
@@ -38,42 +39,50 @@ from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES, shape
 from studies.reporting import asked
 
-_ROUGH, _MET, _BEST, _STEPS = 1e-4, 1e-3, 1.01, 100
+# Accuracy of the shapes for SciPy, in lengths.
+_ACCURACY = 1e-4
+# Largest distance of a met target, in lengths.
+_MET = 1e-3
+# Largest effort of the best optima, relative to the least.
+_BEST = 1.01
+# Largest number of iterations of SciPy's solvers.
+_STEPS = 100
 Solver = Callable[[Search, Array, Array], Array | None]
 
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
-    """Return the tensions that the planner's program leads to."""
+    """Return the solution of the planner's program (n_tendons,) [N], or None if not converged."""
     candidate = solve_from_guess(Problem(search.task, search.task.coarse("exact")), guess)
     return candidate.tensions if candidate.converged else None
 
 
 def by_tensions(method: str) -> Solver:
-    """Return the solver of the program in the tensions alone by a method of SciPy's minimize."""
+    """Return a solver of the program in the tensions alone, with a method of SciPy's minimize."""
 
-    def solved(search: Search, tip: Array, guess: Array) -> Array | None:
-        arm, scene = search.task.arm, search.task.scene
+    def solver(search: Search, tip: Array, guess: Array) -> Array | None:
+        arm = search.task.arm
+        scene = search.task.scene
 
         def gap(T: Array) -> Array:
-            return np.asarray(settle(arm, np.clip(T, 0, MAXIMUM), scene, _ROUGH).tip - tip)
+            return np.asarray(settle(arm, np.clip(T, 0, MAXIMUM), scene, _ACCURACY).tip - tip)
 
         def slope(T: Array) -> Array:
-            result = tip_jacobian(arm, np.clip(T, 0, MAXIMUM), scene, _ROUGH)
+            result = tip_jacobian(arm, np.clip(T, 0, MAXIMUM), scene, _ACCURACY)
             return np.asarray(result[:3] / arm.length)
 
-        held = NonlinearConstraint(lambda T: gap(T) / arm.length, 0.0, 0.0, jac=slope)
+        tip_constraint = NonlinearConstraint(lambda T: gap(T) / arm.length, 0.0, 0.0, jac=slope)
         optimum = minimize(
             lambda T: (T @ T / 2, T),
             guess,
             jac=True,
             bounds=Bounds(0.0, MAXIMUM),
-            constraints=held,
+            constraints=tip_constraint,
             method=method,
             options={"maxiter": _STEPS},
         )
         return np.asarray(optimum.x)
 
-    return solved
+    return solver
 
 
 SOLVERS: dict[str, Solver] = {
@@ -83,32 +92,35 @@ SOLVERS: dict[str, Solver] = {
 }
 
 
-def attempt(solver: Solver, search: Search, tip: Array, guess: Array) -> tuple[float, float]:
-    """Return the effort where a solver meets a tip, infinite where it does not, and seconds."""
-    begin, arm, scene = time.process_time(), search.task.arm, search.task.scene
+def run_solver(solver: Solver, search: Search, tip: Array, guess: Array) -> tuple[float, float]:
+    """Run a solver; return the effort [N], infinite if the tip is missed, and the time [s]."""
+    arm = search.task.arm
+    scene = search.task.scene
+    begin = time.process_time()
     try:
         T = solver(search, tip, guess)
         seconds = time.process_time() - begin
         if T is None:
             return np.inf, seconds
         T = np.clip(T, 0, MAXIMUM)
-        met = np.linalg.norm(settle(arm, T, scene, _ROUGH).tip - tip) <= _MET * arm.length
+        met = np.linalg.norm(settle(arm, T, scene, _ACCURACY).tip - tip) <= _MET * arm.length
         return (float(np.linalg.norm(T)) if met else np.inf), seconds
     except (OctoplanError, np.linalg.LinAlgError):
         return np.inf, time.process_time() - begin
 
 
 def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> None:
-    """Print a line for each solver."""
-    arm, rng = Arm.from_paper("table-4"), np.random.default_rng(seed)
+    """Print one line for each solver."""
+    arm = Arm.from_paper("table-4")
+    rng = np.random.default_rng(seed)
     rows: dict[str, list[tuple[bool, bool, float]]] = defaultdict(list)
     for i in range(targets):
         tip = shape(arm, scene, rng, i % 3).tip
         limits, target = Limits.of(arm, MAXIMUM), (TipPosition(tuple(tip)),)
         search = Search(PlanningProblem(arm, target, scene, limits, NlpOptions(), 1e-6))
-        begins = list(islice(search.guesses(), guesses))
+        initial_guesses = list(islice(search.guesses(), guesses))
         entries = {
-            name: [attempt(solver, search, tip, T) for T in begins]
+            name: [run_solver(solver, search, tip, T) for T in initial_guesses]
             for name, solver in SOLVERS.items()
         }
         best = min(effort for value in entries.values() for effort, _ in value)
@@ -122,7 +134,7 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study and print its table."""
+    """Print the table."""
     args = asked(
         __doc__,
         argv,

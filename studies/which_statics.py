@@ -1,11 +1,12 @@
-"""Which statics may be trusted, and up to which bend?
+"""Which statics are accurate, up to which bend?
 
-Question: how far are the tips of the paper's statics, of exact tendons on a linear body, and of
-exact tendons on a neo-Hookean body from three-dimensional finite elements, over the bend?
+Question: How large are the tip errors of the paper's statics, of exact tendons on a linear body,
+and of exact tendons on a neo-Hookean body, compared with three-dimensional finite elements, over
+the bend?
 
-Assumptions: the unloaded cases of tests/data/fem_reference.json with one tendon, or two next to
-each other, pulled (incompressible neo-Hookean cones with frictionless tendons, each with its
-uncertainty); tip error over arm length.
+Assumptions: The cases are those without loads in tests/data/fem_reference.json with one taut tendon
+or two neighbouring ones: incompressible neo-Hookean cones with frictionless tendons, each with its
+uncertainty. Errors are relative to the arm's length.
 
 Command: python -m studies.which_statics [--out out]
 
@@ -36,7 +37,7 @@ SCENES = {
 
 
 def cases() -> list[dict[str, Any]]:
-    """Return the cases with tendons pulled to one side, by bend."""
+    """Return the cases with taut tendons on one side, sorted by bend."""
     result = json.loads(REFERENCE.read_text())["cases"]
     return sorted(
         (case for case in result if "tendons" in case["params"]), key=lambda case: case["theta"]
@@ -44,7 +45,7 @@ def cases() -> list[dict[str, Any]]:
 
 
 def arm_of(case: dict[str, Any]) -> tuple[Arm, list[float]]:
-    """Return a case's arm in the paper's base frame (n = -y, b = -z), and its tensions [N]."""
+    """Return the arm of a case in the paper's base frame (n = -y, b = -z), and tensions [N]."""
     p = case["params"]
     tendons = p["tendons"]
     angles = tuple(float(np.arctan2(-t["dir"][2], -t["dir"][1])) for t in tendons)
@@ -54,7 +55,7 @@ def arm_of(case: dict[str, Any]) -> tuple[Arm, list[float]]:
 
 
 def errors(case: dict[str, Any]) -> dict[str, float]:
-    """Return the distance of each statics' tip from the finite elements', in % of L."""
+    """Return the distance of the tip from the finite elements, for each statics, in % of L."""
     arm, T = arm_of(case)
     wanted = np.array([*case["tip"], 0.0])
     return {
@@ -64,13 +65,13 @@ def errors(case: dict[str, Any]) -> dict[str, float]:
 
 
 def uncertainty(case: dict[str, Any]) -> float:
-    """Return the finite elements' own uncertainty of the tip, in % of L."""
+    """Return the uncertainty of the tip of the finite elements, in % of L."""
     total = case["mesh_uncertainty"] + (case["bundle_uncertainty"] or 0.0)
     return float(100 * total / case["params"]["L"])
 
 
 def draw(table: list[tuple[dict[str, Any], dict[str, float]]]) -> Figure:
-    """Return the figure: error of each statics, case by case in the order of the bend."""
+    """Return the figure: error of each statics for each case, in the order of the bend."""
     figure = Figure(figsize=(8.4, 4), layout="constrained")
     ax = figure.subplots()
     places = np.arange(len(table))
@@ -98,7 +99,7 @@ def draw(table: list[tuple[dict[str, Any], dict[str, float]]]) -> Figure:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study: print its table, save its figure."""
+    """Print the table and save the figure."""
     args = asked(
         __doc__,
         argv,

@@ -39,13 +39,13 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "the softest direction gives",
         ("maps.png",),
     ),
-    "motion": ("--longer --waypoints 5", "least time over the bound 1.00", ("motion.png",)),
+    "motion": ("--longer --waypoints 5", "least time over the lower bound 1.00", ("motion.png",)),
     "planner_suite": (
         "--targets 3 --best-of 0 --jobs 1",
         "all                3   100.0%      0      100.0%",
         (),
     ),
-    "recovery": ("--arms 1 --cases 1", "intervals hold the truth", ()),
+    "recovery": ("--arms 1 --cases 1", "intervals contain the truth", ()),
     "solvers": ("--targets 1 --guesses 1 --scenes paper", "multiple shooting, ipopt", ()),
     "speed accuracy": (
         "--cases 1 --repeats 1 --finest 1 --settings 1",
@@ -58,8 +58,8 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         ("effects_cost.png",),
     ),
     "speed fit": ("--repeats 1 --shapes 4 --interpreted", "times as fast; modulus", ()),
-    "speed follow": ("--steps 6", "0 refused, 0 neither", ()),
-    "speed knob": ("--cases 13", "error within what was asked        100.0%", ()),
+    "speed follow": ("--steps 6", "0 refused with a reason, 0 without", ()),
+    "speed knob": ("--cases 13", "error within the requested accuracy   100.0%", ()),
     "speed plan": (
         "--rows path scenes sections --plans 1 --points 2 --arms 1 --sections 1 2",
         "plans along 2 points, warm",

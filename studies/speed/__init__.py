@@ -1,1 +1,1 @@
-"""How fast it is, and what of it takes how long: `python -m studies.speed --help`."""
+"""Studies of speed and accuracy: `python -m studies.speed --help` lists the questions."""

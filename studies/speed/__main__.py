@@ -1,16 +1,16 @@
-"""How fast is it? A question each:
+"""Studies of speed and accuracy. Commands:
 
-settle    settles and tip Jacobians, alone, in batches and under loads, against SciPy
-plan      certified plans, cold, along a path and of many sections, against SciPy
-knob      whether `settle` keeps to the accuracy that is asked for
-accuracy  what accuracy costs, by integrator and mesh
-effects   what each effect does to shapes, and what it costs
-follow    plans that follow a moving target
-fit       calibrations against SciPy's least squares
-sweep     sweeps on two processes, killed and gone on with, and their memory
-live      pictures a second of the live page while its target is dragged
+settle    time of equilibria and tip Jacobians, single, in batches and under loads, against SciPy
+plan      time of certified plans, cold, along a path and for many sections, against SciPy
+knob      accuracy of `settle` compared with the requested accuracy
+accuracy  cost of accuracy for each integrator and mesh
+effects   change of the paper's shapes by each effect, and its cost
+follow    time of plans for a moving target
+fit       time of a calibration against SciPy's least squares
+sweep     time and memory of sweeps on one and two processes
+live      frames per second of the live page while the user drags the target
 
-`python -m studies.speed COMMAND --help` tells the options of one.
+`python -m studies.speed COMMAND --help` lists the options of a command.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import argparse
 from collections.abc import Sequence
 from importlib import import_module
 
-# The module of each, and its function where that is not `main`.
+# Module and function of each command.
 COMMANDS = {
     name: (f"studies.speed.{name}", "main")
     for name in ("settle", "plan", "knob", "accuracy", "follow", "sweep", "live")

@@ -1,15 +1,16 @@
-"""What does accuracy cost: by which integrator, on which mesh, and against what users have today?
+"""What does accuracy cost, for each integrator and mesh, and compared with SciPy?
 
-Question: how does the error fall with the time, for settling, for the tip Jacobian and for a whole
-plan; and does `settle` choose well?
+Questions: How does the error decrease with the time, for equilibria, for the tip Jacobian and for
+plans? Does `settle` select an efficient integrator and mesh?
 
-Assumptions: the arm of table 4, random tensions that it bears (studies.draws), the paper's scene,
-one with weight in water, one with exact tendons, which are those of SoRoMoX, and silicone, in air
-without loads and in water. Errors are verified: tips against a settle of 1e-11, by collocation in
-scenes without loads, over L; Jacobians relative to the exact one, with tensions scaled by the pull
-of each tendon; plans by the distance of the tip from its target. Times are the processor's. Points
-are medians over tensions and repeats, bars their quartiles; stars are what `settle`, `tip_jacobian`
-and `plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan includes its certificate.
+Assumptions: The arm of table 4, random tensions (studies.draws). The scenes are the paper's scene,
+weight in water, exact tendons (the model of SoRoMoX), silicone without loads, and silicone in
+water. Errors are verified. Tips are compared, relative to L, with `settle` at an accuracy of 1e-11,
+or with collocation in scenes without loads. Jacobians are compared with the exact one, with
+tensions scaled by the largest tension of each tendon. Errors of plans are distances of the tip from
+its target. Times are processor times. Points are medians over tensions and repeats, bars are
+quartiles. Stars are the automatic choices of `settle`, `tip_jacobian` and `plan` for accuracies of
+1e-2 to 1e-10. The time of a plan includes its certificate.
 
 Command: python -m studies.speed accuracy [--figures NAME ...] [--cases 3] [--repeats 20]
 [--out out]
@@ -57,7 +58,7 @@ SILICONE, IN_WATER = Scene.silicone(), Scene.silicone(Weight(), Buoyancy(1000.0)
 KNOB = tuple(10.0**-n for n in range(2, 11))
 RTOLS = tuple(10.0**-n for n in range(2, 12))
 FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
-# Errors below are those of what they are held against.
+# Smaller errors are dominated by the error of the reference, so that finer meshes are skipped.
 _FINE = 1e-10
 # Closed forms in scenes without loads, by name.
 CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4)}
@@ -69,27 +70,28 @@ _STYLES: dict[str, dict[str, Any]] = {
     "choice": {"marker": "*", "markersize": 9, "linestyle": ""},
     "other": {"markersize": 4, "linestyle": "--", "color": "0.5"},
 }
-# What a setting makes of a case, by the case's number; how far off that is.
+# Computes the result of a setting for a case, given by its index.
 Work = Callable[[int], Any]
+# Returns the error of a result for a case.
 Error = Callable[[int, Any], float]
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured.
+    """Number of measurements.
 
     Attributes
     ----------
     cases : int
-        Random sets of tensions.
+        Number of random sets of tensions.
     repeats : int
-        Measurements of each time, at most: fewer where they take longer than `budget`.
+        Largest number of measurements of each time; fewer if `budget` is exhausted.
     finest : int
-        The finest mesh.
+        Refinement of the finest mesh.
     settings : int
-        Of accuracies and tolerances, how many at most.
+        Largest number of accuracies and tolerances.
     budget : float
-        Processor time [s] after which a setting is measured no more, once each case was.
+        Processor time [s] for the measurements of a setting, after one measurement of each case.
     """
 
     cases: int
@@ -100,20 +102,22 @@ class Size:
 
     @property
     def meshes(self) -> list[int]:
-        """The refinements that are tried."""
+        """Refinements of the meshes."""
         return [refinement for refinement in REFINEMENTS if refinement <= self.finest]
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One way to do a work: "own", "choice" (what is chosen by itself) or "other".
+    """Times and errors of one method.
 
     Attributes
     ----------
+    kind : str
+        "own" for an integrator of octoplan, "choice" for automatic choices, "other" for others.
     times, errors : list of (3,)
-        Quartiles by setting, times in ms.
+        Quartiles for each setting, times in ms.
     failed : list of int
-        The settings that did not do all cases.
+        Indices of settings that failed in some case.
     """
 
     name: str
@@ -124,7 +128,7 @@ class Curve:
 
 
 def measured(name: str, kind: str, works: Iterable[Work], error: Error, size: Size) -> Curve:
-    """Return the curve of a way whose settings get finer and finer, up to rounding."""
+    """Return the curve of a method, for increasingly fine settings until rounding dominates."""
     curve = Curve(name, kind)
     for number, work in enumerate(works):
         try:
@@ -132,7 +136,7 @@ def measured(name: str, kind: str, works: Iterable[Work], error: Error, size: Si
         except FAILURES:
             curve.failed.append(number)
             continue
-        # The first call builds; where the others are long enough they are the measurement.
+        # The first call builds. The other calls are the measurement if they are long enough.
         times = [taken for taken, _ in results[1:]]
         if sum(times) < size.budget:
             many = calls_for(partial(work, 0))
@@ -147,7 +151,7 @@ def measured(name: str, kind: str, works: Iterable[Work], error: Error, size: Si
 
 
 def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
-    """Return every integrator on every mesh, the knob's choices, and others, for a scene."""
+    """Return curves of all integrators, of the choices of `settle`, and of other programs."""
     T = draws.rows(ARM, rng, size.cases)
     true = [reference_shape(ARM, row, scene, 1e-11).tip for row in T]
 
@@ -162,7 +166,7 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
             measured(
                 name,
                 "own",
-                (lambda i, of=each: of.solve(T[i]).poses[-1, 4:] for each in maps),
+                (lambda i, forward=each: forward.solve(T[i]).poses[-1, 4:] for each in maps),
                 off,
                 size,
             )
@@ -170,25 +174,25 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
     chosen = (lambda i, a=a: settle(ARM, T[i], scene, a).tip for a in KNOB[: size.settings])
     curves.append(measured("settle's choice", "choice", chosen, off, size))
     for name, tip, settings in others(scene):
-        works = (lambda i, of=tip, x=x: of(T[i], x) for x in settings[: size.settings])
+        works = (lambda i, tip=tip, x=x: tip(T[i], x) for x in settings[: size.settings])
         curves.append(measured(name, "other", works, off, size))
     return curves
 
 
 def forward_map(name: str, scene: Scene, mesh: int) -> ForwardMap:
-    """Return a forward map by the name of its integrator."""
+    """Return the forward map of an integrator, given by name."""
     if name in CLOSED_FORMS:
         return ClosedForm(ARM, scene, CLOSED_FORMS[name], mesh)
     return Collocation(system(ARM, scene, STAGES[name], mesh, (), is_loaded(scene)))
 
 
 def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tuple[float, ...]]]:
-    """Return name, (tensions, setting) -> tip, and settings of what others have for a scene."""
+    """Return (name, map (tensions, setting) -> tip, settings) of other programs for a scene."""
     if scene == PAPER:
         return [("SciPy DOP853", lambda T, r: ScipyArm(ARM).tip(T, "DOP853", r), RTOLS)]
     if scene == EXACT:
         if find_spec("soromox") is None:
-            print('SoRoMoX is not installed (pip install -e ".[soromox]"): left out')
+            print('SoRoMoX is skipped, because it is not installed (pip install -e ".[soromox]")')
             return []
         tips = {order: soromox_tip(ARM, order) for order in (0, 2, 4, 6, 8)}
         return [("SoRoMoX, order 0 to 8", lambda T, n: tips[int(n)](T), tuple(map(float, tips)))]
@@ -200,7 +204,7 @@ def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tup
 
 
 def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
-    """Return the tip Jacobian by integrator and mesh, the knob's choices, and SciPy's."""
+    """Return curves of the tip Jacobian: all integrators, automatic choices, and SciPy."""
     T, scale = draws.rows(ARM, rng, size.cases), draws.most(ARM)
     true = [tip_jacobian(ARM, row, PAPER, 1e-11)[:3] * scale for row in T]
 
@@ -234,7 +238,7 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
 
 
 def plans(size: Size, rng: np.random.Generator) -> list[Curve]:
-    """Return what `plan` chooses for a tip in silicone, and in silicone in water."""
+    """Return curves of `plan` for a tip in silicone, and in silicone in water."""
     curves, T = [], draws.rows(ARM, rng, size.cases)
     for name, scene in (("plan, silicone", SILICONE), ("plan, silicone in water", IN_WATER)):
         points = [settle(ARM, row, scene, 1e-9).tip for row in T]
@@ -256,7 +260,7 @@ def _planned(scene: Scene, points: list[Array], accuracy: float, i: int) -> Arra
 
 TIP = "verified tip error [L]"
 Panel = tuple[str, str, Callable[[Size, np.random.Generator], list[Curve]]]
-# The panels of each figure: title, what its error is, and what is measured.
+# The panels of each figure: title, label of the error, and measurement.
 FIGURES: dict[str, tuple[Panel, ...]] = {
     "accuracy_cost": (
         ("settling", TIP, partial(settling, PAPER)),
@@ -275,7 +279,7 @@ FIGURES: dict[str, tuple[Panel, ...]] = {
 
 
 def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
-    """Draw errors over times with quartiles; an integrator has one colour in all panels."""
+    """Draw errors over times with quartiles; each integrator has one colour in all panels."""
     choices, markers = iter(("black", "#b3123f")), iter("sD")
     for curve in (each for each in curves if each.times):
         x, y = np.array(curve.times).T, np.maximum(np.array(curve.errors).T, 1e-13)
@@ -289,7 +293,7 @@ def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
 
 
 def report(title: str, curves: Sequence[Curve]) -> None:
-    """Print medians: for each way its settings as (time, error)."""
+    """Print the median time and error of each setting, one line for each method."""
     print(f"\n{title}: time [ms] and error, medians")
     for curve in curves:
         pairs = zip(curve.times, curve.errors, strict=True)
@@ -305,10 +309,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         argv,
         {
             "--figures": (list(FIGURES), {"choices": FIGURES}),
-            "--cases": (3, {"help": "random sets of tensions"}),
+            "--cases": (3, {"help": "number of random sets of tensions"}),
             "--repeats": 20,
-            "--finest": (256, {"help": "the finest mesh"}),
-            "--settings": (20, {"help": "accuracies, at most"}),
+            "--finest": (256, {"help": "refinement of the finest mesh"}),
+            "--settings": (20, {"help": "largest number of accuracies"}),
             "--seed": 0,
             "--out": Path("out"),
         },

@@ -1,14 +1,14 @@
-"""Does a plan follow a moving target in real time, certified at each step, without drifting?
+"""Does a plan follow a moving target in real time, certified at each step, without drift?
 
-Question: how long do a re-plan and its certificate take after a step of the target of 2 mm, along
-random smooth paths inside of the reach, by machine code; is every step certified or honestly
-refused; and do the tensions drift?
+Questions: How long do a new plan and its certificate take after the target moves by 2 mm, along
+random smooth reachable paths, with compiled functions? Is each step certified or refused with a
+reason? Do the tensions drift?
 
-Assumptions: table 4, maxima 20 N, accuracy 1e-6. Paths are tips of shapes whose tensions swing, so
-that all of them are in reach; half of the steps go ahead, half the same way back, so that what
-drifts does not come back to where it began. A step is refused honestly if its outcome says why it
-is not certified. Times are the processor's; other work on the machine still lengthens them, so that
-the fastest tenth is told too.
+Assumptions: The arm of table 4, tensions up to 20 N, accuracy 1e-6. The targets are the tips of
+shapes with slowly oscillating tensions, so that all targets are reachable. The second half of the
+steps follows the path back to its beginning, so that drift is visible as a difference of the
+tensions. Times are processor times. Other processes still lengthen them; therefore the table
+contains the 10 % quantile, too.
 
 Command: python -m studies.speed follow [--steps 10000] [--scenes paper silicone-in-water]
 [--seed 0]
@@ -32,21 +32,29 @@ from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES
 from studies.reporting import asked
 
-_STEP, _ROUGH = 2e-3, 1e-7
-# How fast tensions swing, and how far at most [N], tip section first.
-_SWINGS, _SIZES = (0.2, 1.0), (0.3, 2.0, 5.0)
-# Tensions at one target that differ by less, over their norm, are on one branch of optima.
+# Distance between two targets [m].
+_STEP = 2e-3
+# Accuracy of the shapes whose tips are the targets.
+_ACCURACY = 1e-7
+# Range of the angular rates of the oscillating tensions.
+_RATES = (0.2, 1.0)
+# Largest amplitudes of the tensions [N], tip section first.
+_AMPLITUDES = (0.3, 2.0, 5.0)
+# Relative difference below which tensions at the same target are on one branch of optima.
 _BRANCH = 1e-2
 
 
 def path(arm: Arm, scene: Scene, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield tips (3,) [m] a step apart, of shapes under tensions that swing."""
-    rates, phases = rng.uniform(*_SWINGS, 12), rng.uniform(0, 2 * np.pi, 12)
-    sizes, t, dt = rng.uniform(size=12) * np.repeat(_SIZES, 4), 0.0, 1e-2
+    """Yield tips (3,) [m] at distances of one step, of shapes under oscillating tensions."""
+    rates = rng.uniform(*_RATES, 12)
+    phases = rng.uniform(0, 2 * np.pi, 12)
+    amplitudes = rng.uniform(size=12) * np.repeat(_AMPLITUDES, 4)
+    t = 0.0
+    dt = 1e-2
     here = np.full(3, np.inf)
     while True:
-        pulls = sizes * np.maximum(np.sin(rates * t + phases), 0.0) ** 2
-        tip = settle(arm, pulls, scene, _ROUGH, compile=True).tip
+        T = amplitudes * np.maximum(np.sin(rates * t + phases), 0.0) ** 2
+        tip = settle(arm, T, scene, _ACCURACY, compile=True).tip
         gone = float(np.linalg.norm(tip - here))
         if np.isfinite(gone) and gone > 1.5 * _STEP:
             t, dt = t - dt / 2, dt / 2
@@ -58,22 +66,22 @@ def path(arm: Arm, scene: Scene, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def timed_plan(arm: Arm, scene: Scene, tip: Array, near: Plan | None) -> tuple[Plan, float, float]:
-    """Return a plan, and the time of it and of its certificate [s]."""
+    """Return a plan, its planning time and the time of its certificate [s]."""
     began = time.process_time()
     p = plan(arm, TipPosition(tip), scene, MAXIMUM, near=near, compile=True)
     planned = time.process_time()
-    p.certificate  # noqa: B018  (found when it is asked for)
+    p.certificate  # noqa: B018  (computed at the first access)
     return p, planned - began, time.process_time() - planned
 
 
-def told(name: str, seconds: Sequence[float]) -> str:
-    """Return percentiles of times as a row of a table, in ms."""
+def table_row(name: str, seconds: Sequence[float]) -> str:
+    """Return a row of the table: percentiles of times [ms]."""
     low, middle, high = 1e3 * np.percentile(seconds, [10, 50, 99])
     return f"{name:<44}{low:8.2f}{middle:8.2f}{high:8.2f}"
 
 
 def walk(name: str, steps: int, rng: np.random.Generator) -> None:
-    """Follow a path there and back, and print what became of the steps."""
+    """Follow a path and return along it; print times, certificates and drift."""
     arm, scene = Arm.from_paper("table-4"), SCENES[name]
     ahead = list(islice(path(arm, scene, rng), max(steps // 2, 2)))
     first, _, _ = timed_plan(arm, scene, ahead[0], None)
@@ -91,26 +99,26 @@ def walk(name: str, steps: int, rng: np.random.Generator) -> None:
             refused.append(p.outcome)
         else:
             failed += 1
-    print(told(f"{name}: warm re-plan", plans))
-    print(told(f"{name}: its certificate", checks))
-    print(told(f"{name}: both", np.add(plans, checks).tolist()))
+    print(table_row(f"{name}: new plan, warm-started", plans))
+    print(table_row(f"{name}: certificate", checks))
+    print(table_row(f"{name}: plan and certificate", np.add(plans, checks).tolist()))
     passed = len(plans) - len(refused) - failed
     print(f"  {len(plans)} steps: {passed} certified, worst residual {worst:.1e};", end="")
-    print(f" {len(refused)} refused, {failed} neither; {jumps} left their branch")
+    print(f" {len(refused)} refused with a reason, {failed} without; {jumps} left their branch")
     pairs = zip(kept, kept[::-1], strict=True)
     off = [np.abs(a - b).max() / max(float(np.linalg.norm(a)), 1e-9) for a, b in pairs]
     same = [change for change in off if change < _BRANCH]
     print(
-        f"  drift: on the way back tensions are off by {max(same):.1e} of their norm at most",
+        f"  drift: on the way back tensions differ by at most {max(same):.1e} of their norm",
         end="",
     )
-    print(f" on the same branch, on which {len(same) / len(off):.0%} of the steps are")
+    print(f" in the {len(same) / len(off):.0%} of the steps on the same branch")
     for why in sorted(set(refused))[:3]:
         print(f"  refused: {why}")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the study and print its table."""
+    """Print the table."""
     args = asked(
         __doc__,
         argv,
@@ -121,6 +129,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         },
         prog="python -m studies.speed follow",
     )
-    print(f"{'ms of the processor':<44}{'10 %':>8}{'median':>8}{'99 %':>8}")
+    print(f"{'processor time [ms]':<44}{'10 %':>8}{'median':>8}{'99 %':>8}")
     for name in args.scenes:
         walk(name, args.steps, np.random.default_rng(args.seed))

@@ -1,10 +1,11 @@
-"""Does `settle` keep its word?
+"""Does `settle` meet the accuracy it is asked for?
 
-Question: over random arms, scenes and accuracies, is the tip within the accuracy that was asked and
-within the error that is stated? What that costs is the question of the study accuracy.
+Questions: For random tensions, scenes and accuracies, is the tip error below the requested
+accuracy, and below the error that `settle` reports? The study `accuracy` measures the cost.
 
-Assumptions: a case is an arm of the paper, tensions, a scene and an accuracy. Verified against a
-shape of 1e-11, or the finest that is reached, by collocation in scenes without loads.
+Assumptions: A case consists of an arm of the paper, tensions, a scene and an accuracy. The
+reference is a shape with an accuracy of 1e-11, or the finest accuracy that is reached, from
+collocation in scenes without loads.
 
 Command: python -m studies.speed knob [--cases 300]
 
@@ -54,7 +55,7 @@ def _vector(rng: np.random.Generator, most: float) -> tuple[float, ...]:
 
 
 def _force(rng: np.random.Generator, arm: Arm) -> tuple[float, ...]:
-    """Return a force at the tip [N], small against what bends the tip's section to its length."""
+    """Return a random force at the tip [N], of at most E R^4 / L^2 for the tip radius R."""
     R = float(arm.radius.evaluate(np.array([arm.length]), arm.length)[0][0])
     return _vector(rng, 1.0 * arm.material.E * R**4 / arm.length**2)
 
@@ -82,39 +83,45 @@ SCENES: dict[str, Draw] = {
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A settle and what became of it; errors are tip errors over the arm's length.
+    """The result of a call of `settle`. Errors are tip errors relative to the arm's length.
 
     Attributes
     ----------
-    stated, true : float
-        What settle says of its error, and what it is; infinite where it ends in an error.
+    requested : float
+        The requested accuracy.
+    reported, true : float
+        The error that `settle` reports, NaN if an exception is raised; and the true error,
+        infinite in this case.
+    chosen : str
+        Integrator and refinement, or the exception.
     """
 
     arm: str
     scene_name: str
     scene: Scene
     T: Array
-    asked: float
-    stated: float
+    requested: float
+    reported: float
     true: float
     chosen: str
 
     def __str__(self) -> str:
         return (
-            f"{self.arm}, {self.scene_name}: asked {self.asked:.2e}, stated {self.stated:.2e}, "
+            f"{self.arm}, {self.scene_name}: requested {self.requested:.2e}, "
+            f"reported {self.reported:.2e}, "
             f"true {self.true:.2e}, {self.chosen}"
         )
 
     def again(self) -> str:
-        """Return Python that settles the case again."""
+        """Return Python code that repeats the case."""
         T = ", ".join(f"{v:.17g}" for v in self.T)
-        return f'settle(Arm.from_paper("{self.arm}"), [{T}], {self.scene!r}, {self.asked!r})'
+        return f'settle(Arm.from_paper("{self.arm}"), [{T}], {self.scene!r}, {self.requested!r})'
 
 
 def run(count: int, rng: np.random.Generator) -> list[Case]:
-    """Settle `count` random cases, as many of each arm and scene.
+    """Run `count` random cases, with the same number for each arm and scene.
 
-    Loads are drawn anew for every third case of a scene only, as each builds its own functions.
+    The loads of a scene change only after three cases, because new loads require new functions.
     """
     kinds = [(name, kind) for name in ARMS for kind in SCENES]
     results: list[Case] = []
@@ -131,7 +138,7 @@ def run(count: int, rng: np.random.Generator) -> list[Case]:
                 scene = Scene(*SCENES[kind](rng, arm))
                 continue
             cases.append(
-                Case(name, kind, scene, T, request, *settled(arm, T, scene, request, true))
+                Case(name, kind, scene, T, request, *errors_of_settle(arm, T, scene, request, true))
             )
             if len(cases) % 3 == 0:
                 scene = Scene(*SCENES[kind](rng, arm))
@@ -139,10 +146,10 @@ def run(count: int, rng: np.random.Generator) -> list[Case]:
     return results
 
 
-def settled(
+def errors_of_settle(
     arm: Arm, T: Array, scene: Scene, request: float, true: Array
 ) -> tuple[float, float, str]:
-    """Return the stated error of a settle, the true one, and its integrator and refinement."""
+    """Return the reported and the true error of `settle`, and its integrator and refinement."""
     try:
         shape = settle(arm, T, scene, request)
     except OctoplanError as problem:
@@ -152,7 +159,7 @@ def settled(
 
 
 def tightest(arm: Arm, T: Array, scene: Scene) -> Array:
-    """Return the reference tip at the finest accuracy that is reached."""
+    """Return the reference tip (3,) [m] with the finest accuracy that is reached."""
     for accuracy in (1e-11, 3e-11, 1e-10):
         try:
             return reference_shape(arm, T, scene, accuracy).tip
@@ -162,22 +169,23 @@ def tightest(arm: Arm, T: Array, scene: Scene) -> Array:
 
 
 def report(cases: list[Case], worst: int = 5) -> None:
-    """Print how many cases keep to what was asked, and the worst of them."""
-    off = np.array([case.true / case.asked for case in cases])
-    stated = np.mean([case.true <= case.stated for case in cases])
+    """Print the share of cases within the requested accuracy, and the worst cases."""
+    off = np.array([case.true / case.requested for case in cases])
+    reported = np.mean([case.true <= case.reported for case in cases])
     print(f"knob: {len(cases)} random cases over {len(ARMS)} arms and {len(SCENES)} scenes")
     print(
-        f"  error within what was asked      {np.mean(off <= 1):8.1%}, at most {max(off):.2f} times"
+        f"  error within the requested accuracy {np.mean(off <= 1):8.1%}, "
+        f"largest ratio {max(off):.2f}"
     )
-    print(f"  error within what was stated     {stated:8.1%}")
+    print(f"  error within the reported error     {reported:8.1%}")
     for i in np.argsort(-off)[:worst]:
-        print(f"    error {off[i]:.2f} of what was asked: {cases[i]}")
+        print(f"    error {off[i]:.2f} times the requested accuracy: {cases[i]}")
     for i in np.flatnonzero(off > 1):
         print(f"    fails: {cases[i].again()}  # {cases[i]}")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Settle random cases and print what became of them."""
+    """Run random cases and print the results."""
     args = asked(
         __doc__,
         argv,

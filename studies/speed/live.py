@@ -1,17 +1,18 @@
-"""How many pictures a second does the live page show while its target is dragged, and how late?
+"""How many frames per second does the live page draw while the user drags the target?
 
-The handle of a tip target goes around a circle of 60 mm for some seconds, sixty moves a second as a
-browser tells of a drag, while a real Chromium looks on: in the paper's scene, around a ball in
-water, and of silicone in water and in air. A picture counts when it was drawn and handed to the
-browser; its delay is the time since the newest move of the handle that it shows. At last the handle
-is let go, and the arm is there once it misses it by less than a thousandth of its length, or as
-near as steps lead: silicone in air is too heavy for parts of the circle. What it misses then is
-told. Wall time: other work on the machine counts, and a browser without a graphics card takes most
-of a processor.
+The study moves the handle of a tip target around a circle of 60 mm for some seconds, with sixty
+moves per second as in a browser, while Chromium shows the page. The scenes are the paper's scene, a
+ball in water, silicone in water and silicone in air. A frame counts when it is drawn and sent to
+the browser. Its delay is the time since the newest move of the handle that the frame shows.
+
+After the drag the handle is released. The arm has arrived if the tip is within a thousandth of the
+arm's length of the handle, or if no further step reduces the distance: silicone in air is too heavy
+for parts of the circle. The table contains the final distance. Times are wall times, so that other
+processes count; a browser without a graphics card uses most of one processor.
 
     python -m studies.speed live [--seconds S] [--scene SCENE.toml] [--screenshots DIR] [--compile]
 
-Needs the extra [live], playwright and chromium.
+Requires the extra [live], playwright and chromium.
 """
 
 from __future__ import annotations
@@ -36,16 +37,25 @@ from octoplan.planner.frontends.live.session import Session
 from studies.reporting import asked
 
 _SCENE = Path(__file__).parents[1] / "scenes" / "around_a_ball.toml"
-# Of the page [pixels]; of the circle [m], turns and moves a second.
-_SIZE, _RADIUS, _TURNS, _MOVES = (1100, 700), 0.03, 0.4, 60
+# Size of the page [pixels].
+_SIZE = (1100, 700)
+# Radius of the circle [m].
+_RADIUS = 0.03
+# Turns around the circle per second.
+_TURNS = 0.4
+# Moves of the handle per second.
+_MOVES = 60
 _OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Timeout of the first plan [ms].
 _WAIT = 300_000
-# Longer is not waited for the arm [s]; the tension that each tendon may have at least [N].
-_LOST, _PULL = 30.0, 10.0
+# Timeout of the arrival of the arm [s].
+_ARRIVAL_TIMEOUT = 30.0
+# Least tension limit of each tendon [N].
+_LEAST_LIMIT = 10.0
 
 
 class Timed(Page):
-    """A page that keeps when its handle moved and when pictures were drawn [s]."""
+    """A page that records the times of handle moves and of drawn frames [s]."""
 
     def __init__(self, session: Session, host: str, port: int) -> None:
         self.moved, self.delays, self.drawn = 0.0, list[float](), list[float]()
@@ -66,30 +76,32 @@ class Timed(Page):
 
 
 def drag(page: Timed, seconds: float) -> float:
-    """Move the handle around a circle, as often as a browser tells of a drag, and let go.
+    """Move the handle around a circle, at the event rate of a browser, and release the handle.
 
-    Returns how long the arm takes to be there then [s].
+    Return the time from the release until the arm arrives [s].
     """
-    start, began = page._control.position.copy(), time.perf_counter()
+    start = page._control.position.copy()
+    began = time.perf_counter()
     pause = threading.Event()
     while (at := time.perf_counter() - began) < seconds:
         turn = 2 * np.pi * _TURNS * at
         page._control.position = start + _RADIUS * np.array([0.0, np.sin(turn), 1 - np.cos(turn)])
         page.move()
         pause.wait(1 / _MOVES)
-    page._said.content, gone = "", time.perf_counter()
-    while not _is_still(page) and time.perf_counter() - gone < _LOST:
+    page._said.content = ""
+    released = time.perf_counter()
+    while not _has_arrived(page) and time.perf_counter() - released < _ARRIVAL_TIMEOUT:
         pause.wait(1 / _MOVES)
-    return time.perf_counter() - gone
+    return time.perf_counter() - released
 
 
-def _is_still(page: Timed) -> bool:
-    """Return whether the arm is there, or says that it comes no nearer."""
+def _has_arrived(page: Timed) -> bool:
+    """Test whether the arm has arrived, or the page reports that no step reduces the distance."""
     return page.session.is_there or "No nearer" in page._said.content
 
 
 def measured(browser: Any, session: Session, seconds: float, picture: Path | None) -> str:
-    """Return what a drag is like, in words; screenshots are taken in the midst of it and after."""
+    """Measure a drag; return the row of the table, and take screenshots during and after."""
     with socket.create_server(("localhost", 0)) as free:
         port = int(free.getsockname()[1])
     page = Timed(session, "localhost", port)
@@ -116,7 +128,7 @@ def measured(browser: Any, session: Session, seconds: float, picture: Path | Non
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print pictures a second, their delays, and when the arm is there."""
+    """Print frames per second, delays, and times until the arm arrives."""
     args = asked(
         __doc__,
         argv,
@@ -132,16 +144,16 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     request = load(args.scene)
     options = request.but(compile=args.compile).of(plan)
-    options["tension_max"] = np.maximum(options["tension_max"], _PULL)
-    bare = {name: value for name, value in options.items() if "clear" not in name}
-    free = bare | {"obstacles": ()}
+    options["tension_max"] = np.maximum(options["tension_max"], _LEAST_LIMIT)
+    free = {name: value for name, value in options.items() if "clear" not in name}
+    free |= {"obstacles": ()}
     cases = [
         ("paper", Scene(Extension()), free),
         ("ball", request.scene, options),
         ("silicone_in_water", Scene.silicone(Weight(), Buoyancy()), free),
         ("silicone_in_air", Scene.silicone(Weight()), free),
     ]
-    print("scene              pictures/s   delay [ms], 99 %   there after [s]  off by [mm]")
+    print("scene                frames/s   delay [ms], 99 %     arrival [s] distance [mm]")
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=_OPTIONS)
         for name, scene, each in cases:

@@ -1,14 +1,13 @@
-"""How fast are certified plans, side by side with what users have today?
+"""How fast are certified plans compared with SciPy?
 
-Question: how many times as long does SciPy take for a cold plan (SLSQP with differences over
-DOP853, from random starts until one succeeds); how long does a plan take in each scene; how much
-sooner is a plan near the one before than a
-cold one; how does the time grow with the number of sections; and how long is the first plan of a
-process?
+Questions: How much longer does SciPy take for a cold plan (SLSQP with finite differences of DOP853,
+from random starts until one succeeds)? How long does a plan take in each scene? How much faster is
+a plan that is warm-started from the previous one? How does the time grow with the number of
+sections, and how long does the first plan of a process take?
 
-Assumptions: table 4, the paper's scene unless told, reachable tips (studies.draws). Certificates
-count for ours. Both sides run in turn in one process, by processor time; a measurement is the
-median with its quartiles.
+Assumptions: The arm of table 4, the paper's scene unless another is named, reachable tips
+(studies.draws). The times of octoplan include certificates. Both programs run in turn in one
+process, measured in processor time. Results are medians with quartiles.
 
 Command: python -m studies.speed plan [--rows cold scenes path sections first] [--plans 20]
 
@@ -55,14 +54,14 @@ def planned(
     near: Plan | None = None,
     scene: Scene = PAPER,
 ) -> Plan:
-    """Return the plan of a tip position, with its certificate."""
+    """Return the plan of a tip position, with its certificate evaluated."""
     result = plan(arm, TipPosition(tuple(point)), scene, upper, near=near)
     _ = result.certificate
     return result
 
 
 def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
-    """Return cold, certified plans against SLSQP from random starts until one leads there."""
+    """Compare cold, certified plans with SLSQP from random starts until one succeeds."""
     arm = Arm.from_paper("table-4")
     scipy, results, ours, theirs = ScipyArm(arm), [], [], []
     points = [draws.shape(arm, PAPER, rng, i % 3).tip for i in range(plans)]
@@ -85,7 +84,7 @@ def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
 
 
 def scene_rows(plans: int, rng: np.random.Generator) -> list[Row]:
-    """Return the time of cold, certified plans in each scene, and how many are certified."""
+    """Return the times of cold, certified plans in each scene, and the number certified."""
     arm, rows = Arm.from_paper("table-4"), []
     for name, scene in draws.SCENES.items():
         points = [draws.shape(arm, scene, rng, i % 3).tip for i in range(plans)]
@@ -98,7 +97,7 @@ def scene_rows(plans: int, rng: np.random.Generator) -> list[Row]:
 
 
 def warm_row(points: int, rng: np.random.Generator) -> Row:
-    """Return plans along a path of the tip, each near the one before, against cold ones."""
+    """Compare plans along a path, each warm-started from the previous one, with cold plans."""
     arm = Arm.from_paper("table-4")
     path = tip_path(arm, points, rng)
     before, results = planned(arm, path[0]), []
@@ -112,7 +111,7 @@ def warm_row(points: int, rng: np.random.Generator) -> Row:
 
 
 def tip_path(arm: Arm, count: int, rng: np.random.Generator) -> Array:
-    """Return tips (count, 3) [m] of shapes on the way between two sets of tensions."""
+    """Return tips (count, 3) [m] of shapes between two random sets of tensions."""
     while True:
         begin, end = draws.rows(arm, rng, 2)
         shares = np.linspace(0, 1, count)[:, None]
@@ -123,7 +122,7 @@ def tip_path(arm: Arm, count: int, rng: np.random.Generator) -> Array:
 
 
 def growth_of_plan(counts: Sequence[int], plans: int, rng: np.random.Generator) -> Row:
-    """Return the power of the number of sections by which the time of a plan grows."""
+    """Return the exponent of the growth of the planning time with the number of sections."""
     times = []
     for n in counts:
         arm = draws.many_sections(n)
@@ -136,7 +135,7 @@ def growth_of_plan(counts: Sequence[int], plans: int, rng: np.random.Generator) 
 
 
 def first_row(repeats: int) -> Row:
-    """Return the time of the first plan in a fresh process, import and build included."""
+    """Return the time of the first plan in a new process, including import and build."""
     command = [sys.executable, "-c", _FIRST]
     results = [
         float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
@@ -146,7 +145,7 @@ def first_row(repeats: int) -> Row:
 
 
 def tables(args: argparse.Namespace) -> Parts:
-    """Return the parts of the table by name; each is measured when it is called."""
+    """Return the parts of the table by name; each call measures a part."""
     return {
         "cold": lambda rng: cold_rows(args.plans, rng),
         "scenes": lambda rng: scene_rows(args.plans, rng),
@@ -162,11 +161,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         __doc__,
         argv,
         {
-            "--rows": (None, {"help": "parts of the table; all unless given", "nargs": "*"}),
+            "--rows": (None, {"help": "parts of the table; default: all", "nargs": "*"}),
             "--plans": 20,
             "--points": 100,
-            "--arms": (5, {"help": "tips for each number of sections"}),
-            "--processes": (5, {"help": "for the first plan of a process"}),
+            "--arms": (5, {"help": "number of tips for each number of sections"}),
+            "--processes": (5, {"help": "number of processes for the first plan"}),
             "--sections": [3, 6, 12, 24],
             "--seed": 0,
         },

@@ -1,14 +1,13 @@
-"""How fast are settles and tip Jacobians, side by side with what users have today?
+"""How fast are equilibria and tip Jacobians compared with SciPy?
 
-Question: how many times as long does SciPy take for the same work at the same verified error, for
-one settle, for many, for the tip Jacobian and under loads; and how does the time grow with the
-number of sections?
+Questions: How much longer does SciPy take at the same verified error, for one equilibrium, for a
+batch, for the tip Jacobian and under loads? How does the time grow with the number of sections?
 
-Assumptions: table 4, the paper's scene (loaded rows: with weight in water, or 2 mN at the tip),
-random tensions that the arm bears (studies.draws). SciPy runs at the loosest tolerance from which
-on its tips are verified to 1e-6 L, which a user does not know. Both sides run in turn in one
-process, by processor time, so that a ratio depends little on what else the machine does; a
-measurement is the median with its quartiles.
+Assumptions: The arm of table 4, the paper's scene (rows with loads: weight in water, or 2 mN at the
+tip), random tensions (studies.draws). SciPy uses the loosest tolerance for which its tips are
+verified to 1e-6 L; a user would have to find this tolerance first. Both programs run in turn in one
+process, measured in processor time, so that ratios hardly depend on other processes. Results are
+medians with quartiles.
 
 Command: python -m studies.speed settle [--rows settle jacobian loads sections] [--repeats 20]
 
@@ -69,9 +68,9 @@ LOADS = {
 
 
 def loosest(tip: Callable[[float], Array], true: Array, length: float) -> float | None:
-    """Return the loosest of RTOLS from which on tips are verified to ACCURACY, None if none is.
+    """Return the loosest of RTOLS for which tips are verified to ACCURACY, or None.
 
-    One that is good where a tighter one is not is so by luck, which nobody can rely on.
+    All tighter tolerances must be sufficient, too, so that no tolerance passes by chance.
     """
     result = None
     for rtol in reversed(RTOLS):
@@ -82,7 +81,7 @@ def loosest(tip: Callable[[float], Array], true: Array, length: float) -> float 
 
 
 def settle_rows(arms: int, repeats: int, batch: int, rng: np.random.Generator) -> list[Row]:
-    """Return one settle, and one of many, against DOP853 at the loosest rtol that is as good."""
+    """Compare one equilibrium and a batch with DOP853 at the loosest sufficient tolerance."""
     arm = Arm.from_paper("table-4")
     scipy, single, works, errors = ScipyArm(arm), [], [], []
     for T in draws.rows(arm, rng, arms):
@@ -107,7 +106,7 @@ def settle_rows(arms: int, repeats: int, batch: int, rng: np.random.Generator) -
 
 
 def jacobian_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
-    """Return the tip Jacobian against the cheapest differences over SciPy that are as good."""
+    """Compare the tip Jacobian with the cheapest sufficient finite differences over SciPy."""
     arm = Arm.from_paper("table-4")
     scale, errors = draws.most(arm), []
     entries: dict[bool, list[float]] = {False: [], True: []}
@@ -132,7 +131,7 @@ def _off(J: Array, true: Array, scale: Array) -> float:
 
 
 def _differences(scipy: ScipyArm, T: Array, scale: Array, true: Array, limit: float) -> Work:
-    """Return the finite differences with the fewest right-hand sides of those within a limit."""
+    """Return the finite differences with the fewest right-hand sides and an error below `limit`."""
     works = {}
     for rtol in (1e-4, 1e-5, 1e-6, 1e-7):
         for share, central in ((1e-6, False), (1e-4, True)):
@@ -144,7 +143,7 @@ def _differences(scipy: ScipyArm, T: Array, scale: Array, true: Array, limit: fl
 
 
 def loaded_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
-    """Return loaded settles against SciPy's shooting, at the loosest tolerance that is as good."""
+    """Compare equilibria under loads with SciPy's shooting at the loosest sufficient tolerance."""
     arm, rows = Arm.from_paper("table-4"), []
     for name, (scene, force, gravity, fluid) in LOADS.items():
         results: list[float] = []
@@ -157,7 +156,7 @@ def loaded_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
             shoot = ScipyLoadedArm(arm, np.array(force), np.array(gravity), fluid).shoot
             rtol = loosest(partial(shoot, T), true, arm.length)
             if rtol is None:
-                print(f"  {name}: SciPy did not settle {np.round(T, 3).tolist()}")
+                print(f"  {name}: SciPy did not converge for {np.round(T, 3).tolist()}")
                 continue
             theirs = partial(shoot, T, rtol)
             results += ratios(partial(settle, arm, T, scene, ACCURACY), theirs, repeats)
@@ -168,7 +167,7 @@ def loaded_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
 
 
 def growth_of_settle(counts: Sequence[int], repeats: int, rng: np.random.Generator) -> Row:
-    """Return the power of the number of sections by which the time of a settle grows."""
+    """Return the exponent of the growth of the time of `settle` with the number of sections."""
     times = []
     for n in counts:
         arm = draws.many_sections(n)
@@ -179,7 +178,7 @@ def growth_of_settle(counts: Sequence[int], repeats: int, rng: np.random.Generat
 
 
 def tables(args: argparse.Namespace) -> Parts:
-    """Return the parts of the table by name; each is measured when it is called."""
+    """Return the parts of the table by name; each call measures a part."""
     n, arms = args.repeats, args.arms
     return {
         "settle": lambda rng: settle_rows(arms, n, args.batch, rng),
@@ -195,9 +194,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         __doc__,
         argv,
         {
-            "--rows": (None, {"help": "parts of the table; all unless given", "nargs": "*"}),
+            "--rows": (None, {"help": "parts of the table; default: all", "nargs": "*"}),
             "--repeats": 20,
-            "--arms": (5, {"help": "random sets of tensions a row"}),
+            "--arms": (5, {"help": "number of random sets of tensions for each row"}),
             "--batch": 1000,
             "--sections": [3, 6, 12, 24],
             "--seed": 0,
@@ -238,8 +237,8 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
 }
 
 
-def switched(case: str, labels: Sequence[str], repeats: int) -> dict[str, Switch]:
-    """Return what effects do to a case and cost, each row by itself."""
+def switch_effects(case: str, labels: Sequence[str], repeats: int) -> dict[str, Switch]:
+    """Return the change of the shape and the cost for each effect, in one case."""
     name, T = FIGURES[case]
     arm = Arm.from_paper(name)
     scenes = {label: Scene(*PAPER.effects, *EFFECTS[label]) for label in labels}
@@ -250,10 +249,10 @@ def switched(case: str, labels: Sequence[str], repeats: int) -> dict[str, Switch
 
 
 def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
-    """Return the figure: a row for each effect, a colour for each case."""
+    """Return the figure: one row for each effect, one colour for each case."""
     figure = Figure(figsize=(9, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    titles = ("how far it moves the tip", "how much longer a settle takes")
+    titles = ("change of the tip", "time of settle")
     lettered(zip((left, right), titles, strict=True))
     names = list(next(iter(tables.values())))
     for (case, table), colour in zip(tables.items(), _COLOURS, strict=True):
@@ -265,21 +264,21 @@ def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
             ax.plot(values, rows, "o", color=colour, markersize=6, alpha=0.85, label=case)
     left.set_yticks(range(len(names)), names)
     left.invert_yaxis()
-    left.set(xscale="log", xlabel="tip moves by [L]")
-    right.set(xscale="log", xlabel="time over that of the paper's scene")
+    left.set(xscale="log", xlabel="distance of the tips [L]")
+    right.set(xscale="log", xlabel="time relative to the paper's scene")
     right.legend(frameon=False, loc="upper right")
     return figure
 
 
 def effects(argv: Sequence[str] | None = None) -> None:
-    """What does each effect do to the paper's shapes, and what does it cost?
+    """How much does each effect change the paper's shapes, and what does it cost?
 
-    Question: by how much does each effect, alone and all together, move the tip of the bending
-    of figure 11(b) and of the fetch of figure 15, and by what factor does a settle take longer?
+    Questions: How far do the effects, each alone and all together, move the tips of the bend of
+    figure 11(b) and of the fetch of figure 15? By which factor does the time of `settle` grow?
 
-    Assumptions: the tensions of tables 3 and 5; each effect is added to the paper's scene
-    (extension alone) with the values listed in EFFECTS, which are those of a laboratory tank;
-    accuracy 1e-6; times are medians of ratios, with and without the effect in turn.
+    Assumptions: The tensions of tables 3 and 5. Each effect is added to the paper's scene
+    (extension only) with the values of EFFECTS, which are typical of a laboratory tank. The
+    accuracy is 1e-6. Times are medians of ratios, measured in turn with and without the effect.
 
     Command: python -m studies.speed effects [--effects NAME ...] [--repeats 5] [--out out]
 
@@ -295,9 +294,9 @@ def effects(argv: Sequence[str] | None = None) -> None:
         },
         prog="python -m studies.speed effects",
     )
-    tables = {case: switched(case, args.effects, args.repeats) for case in FIGURES}
+    tables = {case: switch_effects(case, args.effects, args.repeats) for case in FIGURES}
     for case, table in tables.items():
-        print(f"\n{case}: what is added to the paper's scene")
+        print(f"\n{case}: effects added to the paper's scene")
         print(f"{'effect':<28}{'tip [L]':>10}{'states':>8}{'unknowns':>10}{'instr.':>9}{'time':>8}")
         for label, switch in table.items():
             more = switch.sizes.instructions / switch.sizes_without.instructions

@@ -1,12 +1,12 @@
-"""What do two processes gain in a sweep, and how much memory does it take?
+"""How much time and memory do two processes save in a sweep?
 
-Question: how much faster are plans on two processes than on one; does memory grow with the number
-of points?
+Questions: How much faster are plans on two processes than on one? Does the memory grow with the
+number of points?
 
-Assumptions: the arm of table 4, extension, no loads; plans for tips drawn in a box of 200 by 300 by
-300 mm beyond the arm's middle; settles under tensions drawn in all twelve tendons. Work is the time
-on the processors, in all processes; with other programs on the same processors, times are longer
-and less is gained. Memory is the peak of the process that was started.
+Assumptions: The arm of table 4, extension, no loads. The plans are for random tips in a box of 200
+by 300 by 300 mm beyond the middle of the arm; the equilibria are for random tensions of all twelve
+tendons. Work is the processor time of all processes. Other programs on the same processors increase
+the times and reduce the gain. Memory is the peak of the main process.
 
 Command: python -m studies.speed sweep [--plans 2000] [--settles 10000 100000] [--out out]
 
@@ -37,7 +37,7 @@ _PEAK = (
 
 
 def plans(number: int) -> str:
-    """Return the sweep file of plans for tips drawn in a box."""
+    """Return the sweep file of plans for random tips in a box."""
     axes = [
         axis(f"target.position_mm[{i}]", side, distribution="uniform", low=low, high=high)
         for i, (side, (low, high)) in enumerate(_BOX.items())
@@ -55,7 +55,7 @@ def _alone() -> dict[str, str]:
 
 
 def timed(file: Path, out: Path, jobs: int) -> tuple[float, float]:
-    """Run a sweep; return how long it takes and how much work it is [s]."""
+    """Run a sweep; return the wall time and the processor time [s]."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [sys.executable, "-m", "octoplan", *_words(file, out, jobs)]
     subprocess.run(command, cwd=ROOT, env=_alone(), capture_output=True, check=True)
@@ -64,7 +64,7 @@ def timed(file: Path, out: Path, jobs: int) -> tuple[float, float]:
 
 
 def peak(file: Path, out: Path) -> float:
-    """Run a sweep; return the most memory that it takes [MB]."""
+    """Run a sweep; return the peak memory [MB]."""
     command = [sys.executable, "-c", _PEAK, *_words(file, out, 1)]
     process = subprocess.run(command, cwd=ROOT, env=_alone(), capture_output=True, check=True)
     return float(process.stdout.split()[-1]) / 1024

@@ -1,4 +1,4 @@
-"""How the studies of speed measure time, two works in turn, and print what they measured."""
+"""Measurement of times and ratios of times, and the tables of the speed studies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ import numpy as np
 T = TypeVar("T")
 Work = Callable[[], Any]
 Clock = Callable[[], float]
-# A measurement shorter than this is repeated within, as a clock's reading is not free.
+# Least duration of a measurement [s]. Shorter calls are repeated, because reading the clock costs
+# time.
 _LEAST = 2e-3
 
 
@@ -30,7 +31,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Any) -> Spread:
-        """Return the spread of some numbers."""
+        """Return the median and quartiles of values."""
         return cls(*np.percentile(values, [25, 50, 75]).tolist())
 
     def __str__(self) -> str:
@@ -38,7 +39,7 @@ class Spread:
 
 
 def seconds(work: Work, calls: int = 1, clock: Clock = time.process_time) -> float:
-    """Return the time of one call [s], the mean over `calls`."""
+    """Return the time of one call [s], as the mean over `calls`."""
     begin = clock()
     for _ in range(calls):
         work()
@@ -46,14 +47,14 @@ def seconds(work: Work, calls: int = 1, clock: Clock = time.process_time) -> flo
 
 
 def timed(work: Callable[[], T], clock: Clock = time.process_time) -> tuple[float, T]:
-    """Return the time of a call [s], and what it returned."""
+    """Return the time of a call [s] and its result."""
     begin = clock()
     result = work()
     return clock() - begin, result
 
 
 def while_budget(least: int, most: int, budget: float) -> Iterator[int]:
-    """Yield 0, 1, ...: `least` times in any case, up to `most` within the processor time [s]."""
+    """Yield 0, 1, ...: at least `least` numbers, then up to `most` within a processor time [s]."""
     begin = time.process_time()
     for k in range(max(least, most)):
         if k >= least and time.process_time() - begin > budget:
@@ -62,25 +63,25 @@ def while_budget(least: int, most: int, budget: float) -> Iterator[int]:
 
 
 def calls_for(work: Work) -> int:
-    """Return how many calls take long enough to be timed; the first call builds and is not."""
+    """Return the number of calls for one measurement. The first call builds and does not count."""
     work()
     return max(1, min(1000, int(np.ceil(_LEAST / max(seconds(work), 1e-7)))))
 
 
 def repeated(work: Work, repeats: int) -> Spread:
-    """Return the time of a call [s]."""
+    """Return the time of a call [s], as median and quartiles over `repeats`."""
     calls = calls_for(work)
     return Spread.of([seconds(work, calls) for _ in range(repeats)])
 
 
 def ratios(ours: Work, theirs: Work, repeats: int) -> list[float]:
-    """Return how many times as long theirs takes as ours, measured in turn."""
+    """Return the time of `theirs` divided by the time of `ours`, both measured in turn."""
     few, many = calls_for(theirs), calls_for(ours)
     return [seconds(theirs, few) / seconds(ours, many) for _ in range(repeats)]
 
 
 def machine(*packages: str) -> str:
-    """Return the machine and versions that times were measured with, in one line."""
+    """Return one line with the processor and the versions of packages."""
     parts = [_processor(), f"{os.cpu_count()} cores", f"Python {platform.python_version()}"]
     for package in ("casadi", "numpy", "scipy", *packages):
         try:
@@ -99,7 +100,7 @@ def _processor() -> str:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: what is measured against what, and what is wanted of it."""
+    """One line of the table: a task, the program it is compared with, the goal and the result."""
 
     work: str
     against: str
@@ -108,13 +109,13 @@ class Row:
 
 
 def power(counts: Sequence[int], times: Sequence[float]) -> str:
-    """Return the exponent of a fit in logarithms, with the times that it is through."""
+    """Return the exponent of a power law fitted to times [s], and the times."""
     exponent = np.polyfit(np.log(counts), np.log(times), 1)[0]
     return f"n^{exponent:.2f} ({', '.join(f'{1e3 * t:.3g}' for t in times)} ms)"
 
 
 def counted(counts: Sequence[int]) -> str:
-    """Return the counts in words."""
+    """Return the counts as text."""
     return ", ".join(map(str, counts))
 
 
@@ -122,16 +123,16 @@ Parts = Mapping[str, Callable[[np.random.Generator], Sequence[Row]]]
 
 
 def print_rows(parts: Parts, names: Iterable[str], seed: int) -> None:
-    """Measure parts of a table one after the other, and print each as soon as it is there.
+    """Measure parts of a table in turn and print each immediately.
 
-    Exits where a table has no such part.
+    Raise SystemExit if the table has no part with a given name.
     """
     names = list(names)
     for name in names:
         if name not in parts:
-            raise SystemExit(f"--rows: {name!r}, allowed: {', '.join(parts)}")
+            raise SystemExit(f"--rows = {name}: must be one of {', '.join(parts)}")
     print(machine())
-    print(f"{'work':<42}{'against':<28}{'wanted':>9}  measured: median (quartiles)")
+    print(f"{'task':<42}{'compared with':<28}{'goal':>9}  measured: median (quartiles)")
     for name in names:
         for row in parts[name](np.random.default_rng(seed)):
             print(f"{row.work:<42}{row.against:<28}{row.wanted:>9}  {row.measured}", flush=True)
