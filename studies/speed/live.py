@@ -46,6 +46,8 @@ _TURNS = 0.4
 # Moves of the handle per second.
 _MOVES = 60
 _OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Texts of the page's status if no step reduces the distance to the target.
+_STOPPED = ("Stopped", "Target not reached")
 # Timeout of the first plan [ms].
 _WAIT = 300_000
 # Timeout of the arrival of the arm [s].
@@ -88,7 +90,7 @@ def drag(page: Timed, seconds: float) -> float:
         page._control.position = start + _RADIUS * np.array([0.0, np.sin(turn), 1 - np.cos(turn)])
         page.move()
         pause.wait(1 / _MOVES)
-    page._said.content = ""
+    page._status.content = ""
     released = time.perf_counter()
     while not _has_arrived(page) and time.perf_counter() - released < _ARRIVAL_TIMEOUT:
         pause.wait(1 / _MOVES)
@@ -97,7 +99,8 @@ def drag(page: Timed, seconds: float) -> float:
 
 def _has_arrived(page: Timed) -> bool:
     """Test whether the arm has arrived, or the page reports that no step reduces the distance."""
-    return page.session.is_there or "No nearer" in page._said.content
+    status = page._status.content
+    return page.session.is_there or any(text in status for text in _STOPPED)
 
 
 def measured(browser: Any, session: Session, seconds: float, picture: Path | None) -> str:
