@@ -54,7 +54,8 @@ SCENES = {
 }
 # Tension limits of the first plan, tip section first [N]. With higher limits at the tip, the arm
 # with exact tendons winds up: it meets the same bends with less effort.
-UNWOUND_LIMITS, MAXIMUM = (0.25, 20.0, 20.0), 20.0
+UNWOUND_LIMITS = (0.25, 20.0, 20.0)
+MAXIMUM = 20.0
 # The quantities that the motors can keep constant.
 HOLDS: tuple[Hold, ...] = ("tension", "length")
 # Statics of the Pareto fronts.

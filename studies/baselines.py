@@ -75,16 +75,19 @@ class ScipyArm(ScipyCone):
         """Return xi, k, q of the cross-section at s under the tensions that cross it."""
         area = float(np.pi * self.radius(s)[0] ** 2)
         E = self.arm.material.E
-        EJ, EA = E * area**2 / (4 * np.pi), E * area
+        EJ = E * area**2 / (4 * np.pi)
+        EA = E * area
         y = self.y0 + self.slope * s
         pull = y * T
-        c, d = pull @ self.cos, pull @ self.sin
+        c = pull @ self.cos
+        d = pull @ self.sin
         lever = pull * y
         A = EJ + lever @ self.sin**2
         B = EJ + lever @ self.cos**2
         C = -lever @ (self.sin * self.cos)
         det = A * B - C * C
-        xi, k = (-B * d - C * c) / det, (A * c + C * d) / det
+        xi = (-B * d - C * c) / det
+        k = (A * c + C * d) / det
         return xi, k, (k * c - xi * d - T.sum()) / EA
 
     def tip(self, T: Array, method: str = "DOP853", rtol: float = 1e-8) -> Array:
@@ -99,7 +102,9 @@ class ScipyArm(ScipyCone):
 
     def _rate(self, s: float, x: Array, T: Array) -> Array:
         xi, k, q = self.strains(s, T)
-        t, n, b = x[:3], x[3:6], x[6:9]
+        t = x[:3]
+        n = x[3:6]
+        b = x[6:9]
         rate = np.empty(12)
         rate[:3], rate[3:6], rate[6:9], rate[9:] = k * n - xi * b, -k * t, xi * t, t
         return (1 + q) * rate
@@ -183,23 +188,34 @@ class ScipyLoadedArm(ScipyCone):
         T are the tensions at s: zero for tendons that end before s.
         """
         self.rhs += np.size(s)
-        E, G = self.arm.material.E, self.arm.material.G
+        E = self.arm.material.E
+        G = self.arm.material.G
         r, c = self.radius(s)
-        frame, M = x[:9].reshape(3, 3, -1), x[9:12]
+        frame = x[:9].reshape(3, 3, -1)
+        M = x[9:12]
         volume = (self.R1**3 - r**3) / (3 * c)
         F = share * (self.force[:, None] + self.spread[:, None] * volume)
-        m, F_t = np.einsum("ijn,in->jn", frame, M), np.einsum("in,in->n", frame[:, 0], F)
+        m = np.einsum("ijn,in->jn", frame, M)
+        F_t = np.einsum("in,in->n", frame[:, 0], F)
         y = self.y0[:, None] + self.slope[:, None] * np.asarray(s)
-        cos, sin = self.cos[:, None], self.sin[:, None]
-        pull, EJ = y * T[:, None], E * np.pi * r**4 / 4
+        cos = self.cos[:, None]
+        sin = self.sin[:, None]
+        pull = y * T[:, None]
+        EJ = E * np.pi * r**4 / 4
         lever, (a, b) = pull * y, ((pull * cos).sum(0), (pull * sin).sum(0))
-        A, B = EJ + (lever * sin**2).sum(0), EJ + (lever * cos**2).sum(0)
-        C, m_n, m_b = -(lever * sin * cos).sum(0), m[1] - b, m[2] + a
+        A = EJ + (lever * sin**2).sum(0)
+        B = EJ + (lever * cos**2).sum(0)
+        C = -(lever * sin * cos).sum(0)
+        m_n = m[1] - b
+        m_b = m[2] + a
         det = A * B - C * C
         tau = m[0] / (G * np.pi * r**4 / 2 + lever.sum(0))
-        xi, k = (B * m_n - C * m_b) / det, (A * m_b - C * m_n) / det
+        xi = (B * m_n - C * m_b) / det
+        k = (A * m_b - C * m_n) / det
         grow = 1 + (k * a - xi * b - T.sum() + F_t) / (E * np.pi * r**2)
-        t, n, b_ = frame[:, 0], frame[:, 1], frame[:, 2]
+        t = frame[:, 0]
+        n = frame[:, 1]
+        b_ = frame[:, 2]
         turned = np.stack([k * n - xi * b_, tau * b_ - k * t, xi * t - tau * n], axis=1)
         u = grow * t
         moment = np.stack(
@@ -255,13 +271,17 @@ class ScipySiliconeArm(ScipyLoadedArm):
         """See ScipyLoadedArm.rate."""
         self.rhs += np.size(s)
         r, slope = self.radius(s)
-        frame, M = x[:9].reshape(3, 3, -1), x[9:12]
+        frame = x[:9].reshape(3, 3, -1)
+        M = x[9:12]
         volume = (self.R1**3 - r**3) / (3 * slope)
         F = share * (self.force[:, None] + self.spread[:, None] * volume)
-        m, F_t = np.einsum("ijn,in->jn", frame, M), np.einsum("in,in->n", frame[:, 0], F)
+        m = np.einsum("ijn,in->jn", frame, M)
+        F_t = np.einsum("in,in->n", frame[:, 0], F)
         z = self._solve_sections(np.atleast_1d(s), np.broadcast_to(r, F_t.shape), m, F_t, T)
-        kappa, t = z[:, :3].T * np.sqrt(z[:, 3]), frame[:, 0]
-        n, b = frame[:, 1], frame[:, 2]
+        kappa = z[:, :3].T * np.sqrt(z[:, 3])
+        t = frame[:, 0]
+        n = frame[:, 1]
+        b = frame[:, 2]
         turned = np.stack(
             [kappa[2] * n - kappa[1] * b, kappa[0] * b - kappa[2] * t, kappa[1] * t - kappa[0] * n],
             axis=1,
@@ -271,14 +291,19 @@ class ScipySiliconeArm(ScipyLoadedArm):
 
     def _solve_sections(self, s: Array, r: Array, m: Array, F_t: Array, T: Array) -> Array:
         """Return b (3,) and the stretch l of each cross-section (N, 4)."""
-        E, G = self.arm.material.E, self.arm.material.G
-        EA, EJ, GI = E * np.pi * r**2, E * np.pi * r**4 / 4, G * np.pi * r**4 / 2
+        E = self.arm.material.E
+        G = self.arm.material.G
+        EA = E * np.pi * r**2
+        EJ = E * np.pi * r**4 / 4
+        GI = G * np.pi * r**4 / 2
         z = np.zeros((len(r), 4))
         z[:, 3] = 1 / np.sqrt(1 + 2 * T.sum() / EA)
         unit = np.array([1.0, 1.0, 1.0, 0.0]) * r[:, None] + np.array([0.0, 0.0, 0.0, 1.0])
         for _ in range(_STEPS):
-            stretch, bend = z[:, 3], z[:, 1] ** 2 + z[:, 2] ** 2
-            root, soft = np.sqrt(stretch), EJ * (1 + 2 / stretch**3) / 3
+            stretch = z[:, 3]
+            bend = z[:, 1] ** 2 + z[:, 2] ** 2
+            root = np.sqrt(stretch)
+            soft = EJ * (1 + 2 / stretch**3) / 3
             g, H = self._tendons(z, s, T)
             g[:, :3] += np.stack([GI, soft, soft], 1) * z[:, :3] - root[:, None] * m.T
             work = (m.T * z[:, :3]).sum(1)
@@ -300,7 +325,8 @@ class ScipySiliconeArm(ScipyLoadedArm):
 
     def _tendons(self, z: Array, s: Array, T: Array) -> tuple[Array, Array]:
         """Return the gradient (N, 4) and the Hessian (N, 4, 4) of sum T |c| at z (N, 4)."""
-        y, rate = self.y0 + self.slope * s[:, None], np.broadcast_to(self.slope, (len(s), T.size))
+        y = self.y0 + self.slope * s[:, None]
+        rate = np.broadcast_to(self.slope, (len(s), T.size))
         one = np.ones_like(y)
         zero = np.zeros_like(y)
         stretch = z[:, 3, None]
@@ -356,7 +382,8 @@ def soromox_tip(arm: Arm, order: int) -> Callable[[Array], Array]:
         q, _, _ = jax.lax.while_loop(is_iterating, step, start)
         return robot.forward_kinematics_tips(q)[-1][:3, 3]
 
-    frame, origin = np.array(arm.base_frame), np.array(arm.base_position)
+    frame = np.array(arm.base_frame)
+    origin = np.array(arm.base_position)
     return lambda T: origin + frame @ np.asarray(settle(T))
 
 
@@ -390,7 +417,9 @@ def _robot(arm: Arm, order: int) -> Any:
 
 
 def _routing(arm: Arm) -> dict[str, Any]:
-    intercepts, jacobian, last = [], [], []
+    intercepts = []
+    jacobian = []
+    last = []
     for i, angle in arm.tendons:
         section = arm.sections[i]
         y = section.offset.evaluate(np.array([0.0, section.at]), section.at)[0]

@@ -48,7 +48,8 @@ def pull(arm: Arm, angle: float, tension: float, section: int = 1) -> Array:
     Negative values become tensions of the opposite tendons, T_i4 and T_i1.
     """
     T = np.zeros((len(arm.sections), 4))
-    cos, sin = tension * np.cos(angle), tension * np.sin(angle)
+    cos = tension * np.cos(angle)
+    sin = tension * np.sin(angle)
     T[section - 1] = [max(-sin, 0), max(cos, 0), max(sin, 0), max(-cos, 0)]
     return T
 
@@ -143,7 +144,8 @@ def differences() -> tuple[list[Measured], Array]:
     both = [shape for shape in measured if min(shape.tensions) > 0]
     rows = []
     for shape in both:
-        T, point = np.array(shape.tensions), shape.points[TIP]
+        T = np.array(shape.tensions)
+        point = shape.points[TIP]
         there = fitted.predict(T, [(point.s, point.offset)], shape.session).places[0]
         seen = seen_from_base(arm, np.array(point.place)), seen_from_base(arm, there)
         rows.append([(angle - law(arm, T) + 180) % 360 - 180 for angle in seen])

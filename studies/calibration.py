@@ -200,7 +200,8 @@ def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  #
 
     def off(z: Array) -> Array:
         scaled = replace(body, E=body.E * z[0], density=body.density * z[1])
-        values, rows = replace(arm, material=scaled), []
+        values = replace(arm, material=scaled)
+        rows = []
         for one in measured:
             shape = settle(values, one.tensions, LINEAR, compile=compile)
             places = shape.position(at) + np.einsum("nij,nj->ni", shape.frame(at), offsets)
@@ -248,7 +249,8 @@ def fit(argv: Sequence[str] | None = None) -> None:
         settle(arm, measured[0].tensions, LINEAR, compile=compiled)
         theirs, other = timed(lambda on=compiled: by_scipy(arm, measured, on))  # type: ignore[misc]
         ours = [timed(own) for _ in range(args.repeats)]
-        median, result = float(np.median([t for t, _ in ours])), ours[-1][1]
+        median = float(np.median([t for t, _ in ours]))
+        result = ours[-1][1]
         print(
             f"{'compiled' if compiled else 'interpreted'}: SciPy {theirs:.2f} s, calibrate "
             f"{median:.3f} s, {theirs / median:.1f} times as fast; modulus {result[0]:.3f} kPa, "

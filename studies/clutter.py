@@ -59,7 +59,8 @@ def clutter(
     while len(results) < count:
         shape = (witness, free)[len(results) % 2]
         place = shape.position(rng.uniform(0.1, 1.0) * arm.length)
-        center, radius = place + _SPREAD * rng.normal(size=3), rng.uniform(*_SIZES)
+        center = place + _SPREAD * rng.normal(size=3)
+        radius = rng.uniform(*_SIZES)
         end = center + 0.1 * rng.normal(size=3)
         other = Sphere(center, radius) if rng.random() < 0.5 else Capsule(center, end, radius)
         if gap(witness, [other], 400) > _CLEARANCE and other.distance(np.zeros(3)) > 0.02:
@@ -76,7 +77,11 @@ def timed(arm: Arm, tip: Array, **others: object) -> tuple[Plan, float]:
 
 def among_obstacles(arm: Arm, results: list[Shape], count: int, rng: np.random.Generator) -> None:
     """Print the number of tips that are solved among `count` obstacles, and the cost."""
-    solved, wrong, touched, ratios, efforts = [], 0, 0, [], []
+    solved = []
+    wrong = 0
+    touched = 0
+    ratios = []
+    efforts = []
     with keep_finished():
         for shape in results:
             free, before = timed(arm, shape.tip)
@@ -99,7 +104,11 @@ def among_obstacles(arm: Arm, results: list[Shape], count: int, rng: np.random.G
 def around_itself(arm: Arm, results: list[Shape]) -> None:
     """Print the number of plans through the arm or its base plane, and the cost of others."""
     passing = {"the far side of its base plane": 0, "itself": 0}
-    otherwise, efforts, ratios, unreported, total = 0, [], [], 0, 0
+    otherwise = 0
+    efforts = []
+    ratios = []
+    unreported = 0
+    total = 0
     with keep_finished():
         for shape in results:
             free, before = timed(arm, shape.tip)
@@ -115,7 +124,8 @@ def around_itself(arm: Arm, results: list[Shape]) -> None:
                 if p.certificate.passed:
                     otherwise += 1
                     efforts.append(p.effort / free.effort)
-    itself, behind = passing["itself"], max(passing.values())
+    itself = passing["itself"]
+    behind = max(passing.values())
     print(f"{total} tips: {itself} plans pass through the arm, {behind} through the base plane")
     print(f"  {unreported} of these not reported, {otherwise} of {len(ratios)} with another plan")
     if efforts:
@@ -138,7 +148,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             "--seed": 0,
         },
     )
-    arm, rng = Arm.from_paper("table-4"), np.random.default_rng(args.seed)
+    arm = Arm.from_paper("table-4")
+    rng = np.random.default_rng(args.seed)
     timed(arm, np.array([0.3, 0.1, 0.1]), obstacles=[Sphere((0.2, 0.05, 0.05), 0.02)])
     for count in args.obstacles:
         results = [draws.shape(arm, SCENE, rng, i % 3) for i in range(args.targets)]

@@ -57,7 +57,8 @@ _ROUNDING = 1e-6
 
 def tips(count: int, seed: int = 0) -> list[TipPosition]:
     """Return random tips that the paper's arm reaches."""
-    rng, arm = np.random.default_rng(seed), Arm.from_paper("table-4")
+    rng = np.random.default_rng(seed)
+    arm = Arm.from_paper("table-4")
     pulls = [rng.uniform(0, 1, (3, 4)) ** 3 * PULLS for _ in range(count)]
     return [TipPosition(tuple(settle(arm, T, SCENE).tip.tolist())) for T in pulls]
 
@@ -131,7 +132,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             "--out": Path("out"),
         },
     )
-    arm, unknowns = Arm.from_paper("table-4"), UNKNOWNS[: args.unknowns]
+    arm = Arm.from_paper("table-4")
+    unknowns = UNKNOWNS[: args.unknowns]
     targets = [FETCH, *tips(args.tips)]
     result = design(
         arm,

@@ -83,7 +83,9 @@ def rows(arm: Arm, rng: np.random.Generator, count: int) -> Array:
 
 def many_sections(n: int) -> Arm:
     """Return the body of table 4 with n sections of four tendons at half the radius."""
-    L, base, tip = 0.45, 15e-3, 2e-3
+    L = 0.45
+    base = 15e-3
+    tip = 2e-3
     ends = [L * (1 - i / n) for i in range(n)]
     offsets = [(base + (tip - base) * at / L) / 2 for at in ends]
     anchorages = [(at, base / 2, offset) for at, offset in zip(ends, offsets, strict=True)]

@@ -42,7 +42,8 @@ from octoplan.planner.extensions.contact import Wrap
 from octoplan.planner.extensions.contact.remarks import curvature_along
 from studies.reporting import asked, lettered
 
-ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()
+ARM = Arm.from_paper("table-4")
+STATICS = Scene.silicone()
 L = ARM.length
 # Indices of the tendons above and below the arm in each section (at 90 and 270 degrees).
 ABOVE = 1
@@ -104,7 +105,8 @@ def plan_along(radius: float, end: float, share: float) -> Row:
     The part is `share` of the arm's length and ends at arc length `end` [m].
     """
     start = end - share * L
-    x, z = start - BEFORE, -radius - BELOW_ARM - float(ARM.outer_radius(np.array([start]))[0][0])
+    x = start - BEFORE
+    z = -radius - BELOW_ARM - float(ARM.outer_radius(np.array([start]))[0][0])
     rod = Capsule((x, -HALF_WIDTH, z), (x, HALF_WIDTH, z), radius)
     wrap = Wrap(rod, length=share * L, start=start)
     return Row(rod, wrap, plan(ARM, wrap, STATICS, MOST, starts=2, compile="auto"))
@@ -141,7 +143,9 @@ def contact_forces(row: Row) -> Array:
 
     The table ends before the arm snaps or no equilibrium is found.
     """
-    scene, results, near = STATICS + Contact(row.rod), list[tuple[float, float, float]](), None
+    scene = STATICS + Contact(row.rod)
+    results = list[tuple[float, float, float]]()
+    near = None
     for factor in TENSION_FACTORS:
         try:
             near = settle(ARM, factor * row.plan.tensions, scene, 1e-5, compile="auto", near=near)
@@ -239,7 +243,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         },
     )
     print(HEAD)
-    rows, longest = list[Row](), list[tuple[Row, Array]]()
+    rows = list[Row]()
+    longest = list[tuple[Row, Array]]()
     for end in (ARM.anchorages[k] for k in args.ends):
         for radius in args.radii:
             values = up_to_longest(1e-3 * radius, end, args.shares)

@@ -92,7 +92,8 @@ def table_line(each: Family) -> str:
     """Return the line of a family in the table."""
     settled = [verdict.error for verdict in each.verdicts if not verdict.refusal]
     wrong = sum(not verdict.passes for verdict in each.verdicts)
-    worst, refused = max(settled, default=0.0), len(each.verdicts) - len(settled)
+    worst = max(settled, default=0.0)
+    refused = len(each.verdicts) - len(settled)
     seconds = sum(verdict.seconds for verdict in each.verdicts)
     return (
         f"{each.name:<24}{len(each.verdicts):>8}{worst:>13.1e}{each.tolerance:>11.0e}"
@@ -205,8 +206,10 @@ class Sweeps:
 
 def _section(s: Array | float) -> tuple[Array, Array, Array, Array]:
     """Return D = E J + y^2 T, its derivative, y T and its derivative at s."""
-    R, y = BASE + (TIP - BASE) * s / L, OFFSET + (END - OFFSET) * s / L
-    R_rate, y_rate = (TIP - BASE) / L, (END - OFFSET) / L
+    R = BASE + (TIP - BASE) * s / L
+    y = OFFSET + (END - OFFSET) * s / L
+    R_rate = (TIP - BASE) / L
+    y_rate = (END - OFFSET) / L
     D = E * np.pi * R**4 / 4 + y**2 * PULL
     rate = E * np.pi * R**3 * R_rate + 2 * y * y_rate * PULL
     return np.asarray(D), np.asarray(rate), np.asarray(y * PULL), np.asarray(y_rate * PULL)
@@ -229,8 +232,10 @@ def sweeps() -> Sweeps:
         result = solve_ivp(rate, (begin, end), start, "DOP853", t_eval=places, **tight).y[0]
         return np.asarray(result if begin < end else result[::-1])
 
-    up, down = run(L, 0.0), run(0.0, L)
-    from_tip, from_base = np.abs(up - wanted) * BASE, np.abs(down - wanted) * BASE
+    up = run(L, 0.0)
+    down = run(0.0, L)
+    from_tip = np.abs(up - wanted) * BASE
+    from_base = np.abs(down - wanted) * BASE
     return Sweeps(
         s,
         from_tip,

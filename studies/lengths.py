@@ -51,7 +51,8 @@ _SLACK_LENGTH = 0.05
 
 def shapes(count: int, seed: int = 0) -> list[Shape]:
     """Return the shapes of plans for random reachable tips."""
-    rng, results = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    results = []
     for _ in range(count):
         T = rng.uniform(0, 1, 12) * np.repeat([0.5, 1.0, 2.5], 4) * (rng.uniform(0, 1, 12) < 0.4)
         goal = settle(ARM, T, SCENE).tip
@@ -68,7 +69,8 @@ def control_errors(shape: Shape, draws: int, seed: int = 1) -> Array:
     rng = np.random.default_rng(seed)
     taut = shape.tensions > 1e-6
     lengths = shape.tendon_lengths + _SLACK_LENGTH * ~taut
-    T, loaded = np.where(taut, shape.tensions, 0.0), Scene(*SCENE.effects, TipLoad(PAYLOAD))
+    T = np.where(taut, shape.tensions, 0.0)
+    loaded = Scene(*SCENE.effects, TipLoad(PAYLOAD))
     signs = rng.choice([-1.0, 1.0], (draws, T.size))
     forced = [settle(ARM, T * (1 + FORCE * sign), SCENE, 1e-5) for sign in signs]
     wound = [settle(ARM, scene=SCENE, accuracy=1e-5, lengths=lengths + LENGTH * s) for s in signs]
@@ -102,7 +104,8 @@ def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
         table, tick_labels=["1 % force", "0.1 mm", "payload,\nforces", "payload,\nlengths"]
     )
     left.set(ylabel="tip error [mm]", yscale="log", title="plans, table 2 in silicone")
-    result, goal = 1e3 * tips(x, rows), 1e3 * np.array([row.tip for row in rows])
+    result = 1e3 * tips(x, rows)
+    goal = 1e3 * np.array([row.tip for row in rows])
     right.plot(*goal[:, :2].T, "ko", mfc="none", label="measured")
     right.plot(*result[:, :2].T, "r.", label="model, given lengths")
     right.plot(*np.stack([goal[:, :2], result[:, :2]], 1).transpose(2, 1, 0), "r-", lw=0.6)
@@ -234,7 +237,8 @@ def tips(x: Array, rows: list[Row]) -> Array:
 @lru_cache(maxsize=64)
 def _tips(each: tuple[float, ...], pulls: tuple[tuple[float, ...], ...]) -> Array:
     """Return tips (N, 3) [m] along n, b and t of the arm's frame, the x, y and z of the markers."""
-    x, results = np.array(each), []
+    x = np.array(each)
+    results = []
     arm = robot(x)
     for pull in pulls:
         try:

@@ -167,7 +167,8 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
     begin = time.process_time()
     try:
         result = plan(ARM, target, scene, MAXIMUM)
-        passed, outcome = result.reached, result.outcome
+        passed = result.reached
+        outcome = result.outcome
     except OctoplanError as problem:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.process_time() - begin
@@ -226,7 +227,8 @@ def report(cases: Sequence[Case], beyond: bool) -> None:
         times = np.array([c.seconds for c in counted])
         mean = np.exp(np.mean(np.log(times + _SHIFT))) - _SHIFT if counted else np.nan
         starts = np.mean([c.starts for c in counted]) if counted else np.nan
-        share, wrong = np.mean([c.reached for c in group]), sum(c.wrong for c in group)
+        share = np.mean([c.reached for c in group])
+        wrong = sum(c.wrong for c in group)
         print(f"{name:<12}{len(group):>8}{share:>9.1%}{wrong:>7}{good:>12.1%}", end="")
         print(f"{worst:>9.3f}{mean:>10.3f}{starts:>8.1f}")
 
@@ -371,7 +373,8 @@ def nearest_of_grid(limited: Limited, place: Array) -> float:
 
 def run_limited(number: int, seed: int, kind: str) -> Case:
     """Return the case of a random tip for an arm with active limits, compared with a grid."""
-    rng, limited = np.random.default_rng([seed, number]), LIMITED[kind]
+    rng = np.random.default_rng([seed, number])
+    limited = LIMITED[kind]
     way = rng.normal(size=3)
     L = limited.arm.length
     place = rng.uniform(*_WITHIN) * L * way / np.linalg.norm(way)
@@ -397,7 +400,8 @@ def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
     if kinds[number % len(kinds)] in LIMITED:
         return run_limited(number, seed, kinds[number % len(kinds)])
     rng = np.random.default_rng([seed, number])
-    kind, name = kinds[number % len(kinds)], ("bare", "extension")[rng.integers(2)]
+    kind = kinds[number % len(kinds)]
+    name = ("bare", "extension")[rng.integers(2)]
     scene = SCENES[name][1]
     target, maxima = beyond(rng, kind, scene)
     case = Case(number, kind, name, target, np.array(maxima))

@@ -112,7 +112,8 @@ _SCALED = (
 
 def arm_of(rng: np.random.Generator) -> Arm:
     """Return a random hanging arm."""
-    L, R = rng.uniform(0.1, 0.4), rng.uniform(0.03, 0.06)
+    L = rng.uniform(0.1, 0.4)
+    R = rng.uniform(0.03, 0.06)
     ends = [1.0, rng.uniform(0.4, 0.7)][: int(rng.integers(1, 3))]
     sections = []
     for end in ends:
@@ -129,7 +130,8 @@ def shapes_of(
     arm: Arm, scene: Scene, noise: float, rng: np.random.Generator, count: int = SHAPES
 ) -> list[Measured]:
     """Return measured shapes of an arm under random tensions that bend it by about 1 rad."""
-    results, R = list[Measured](), arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
+    results = list[Measured]()
+    R = arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
     usual = arm.material.E * np.pi * R**3 / (2 * arm.length)
     while len(results) < count:
         T = usual * rng.uniform(0, 1, arm.n_tendons) ** 3
@@ -139,7 +141,8 @@ def shapes_of(
             continue
         points = []
         for share in MARKERS:
-            s, offset = share * arm.length, (0.0, 0.5 * R, R)
+            s = share * arm.length
+            offset = (0.0, 0.5 * R, R)
             place = shape.position(s) + shape.frame(s) @ np.array(offset)
             points.append((s, offset, place + noise * rng.normal(size=3)))
         results.append(Measured(T, points, name=f"shape {len(results)}"))
@@ -148,13 +151,15 @@ def shapes_of(
 
 def random_arm(rng: np.random.Generator, payload: bool = True) -> RandomArm:
     """Return a random arm with the true values of all possible unknowns."""
-    arm, law = arm_of(rng), LAWS[int(rng.integers(len(LAWS)))]
+    arm = arm_of(rng)
+    law = LAWS[int(rng.integers(len(LAWS)))]
     loads = LOADS[int(rng.integers(len(LOADS)))]
     R = arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
     if loads and payload and rng.integers(2):
         body = np.pi * R**2 * arm.length * arm.material.density
         loads = (*loads, PointMass(0.6 * arm.length, 0.1 * body))
-    scene, tip = Scene(*law, *loads), arm.sections[0]
+    scene = Scene(*law, *loads)
+    tip = arm.sections[0]
     base = float(tip.offset.evaluate(np.zeros(1), tip.at)[0][0])  # type: ignore[union-attr]
     truth = {
         "arm.E_kPa": arm.material.E / 1e3,
@@ -210,8 +215,10 @@ def reports_outlier(seed: int) -> bool:
     case = random_arm(rng)
     keys = [key for key in ("arm.E_kPa", "arm.density") if key in case.truth]
     measured = shapes_of(case.arm, case.scene, case.noise, rng, 8)
-    which, away = int(rng.integers(8)), rng.normal(size=3)
-    wrong, far = measured[which], OUTLIER * case.noise * away / np.linalg.norm(away)
+    which = int(rng.integers(8))
+    away = rng.normal(size=3)
+    wrong = measured[which]
+    far = OUTLIER * case.noise * away / np.linalg.norm(away)
     (s, offset, place), *points = wrong.points
     measured[which] = replace(wrong, points=[(s, offset, np.array(place) + far), *points])
     result = calibrate(*case.guess(keys, rng), measured, case.unknowns(keys), loss="soft_l1")

@@ -116,7 +116,8 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
     rows: dict[str, list[tuple[bool, bool, float]]] = defaultdict(list)
     for i in range(targets):
         tip = shape(arm, scene, rng, i % 3).tip
-        limits, target = Limits.of(arm, MAXIMUM), (TipPosition(tuple(tip)),)
+        limits = Limits.of(arm, MAXIMUM)
+        target = (TipPosition(tuple(tip)),)
         search = Search(PlanningProblem(arm, target, scene, limits, NlpOptions(), 1e-6))
         initial_guesses = list(islice(search.guesses(), guesses))
         entries = {

@@ -51,10 +51,13 @@ from studies.reporting import asked, lettered
 from studies.speed.timing import calls_for, machine, seconds, timed, while_budget
 
 ARM = Arm.from_paper("table-4")
-DOWN, NOTHING = np.array([0.0, 0.0, -9.81]), np.zeros(3)
-PAPER, EXACT = Scene(Extension()), Scene(Extension(), ExactTendons())
+DOWN = np.array([0.0, 0.0, -9.81])
+NOTHING = np.zeros(3)
+PAPER = Scene(Extension())
+EXACT = Scene(Extension(), ExactTendons())
 WATER = Scene(Extension(), Weight(), Buoyancy(1000.0))
-SILICONE, IN_WATER = Scene.silicone(), Scene.silicone(Weight(), Buoyancy(1000.0))
+SILICONE = Scene.silicone()
+IN_WATER = Scene.silicone(Weight(), Buoyancy(1000.0))
 KNOB = tuple(10.0**-n for n in range(2, 11))
 RTOLS = tuple(10.0**-n for n in range(2, 12))
 FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
@@ -205,7 +208,8 @@ def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tup
 
 def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
     """Return curves of the tip Jacobian: all integrators, automatic choices, and SciPy."""
-    T, scale = draws.rows(ARM, rng, size.cases), draws.most(ARM)
+    T = draws.rows(ARM, rng, size.cases)
+    scale = draws.most(ARM)
     true = [tip_jacobian(ARM, row, PAPER, 1e-11)[:3] * scale for row in T]
 
     def off(i: int, J: Array) -> float:
@@ -228,10 +232,12 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
         for name in CLOSED_FORMS
     ]
     for compiled in (False, True):
-        name, knob = "tip_jacobian's choice" + ", compiled" * compiled, KNOB[: size.settings]
+        name = "tip_jacobian's choice" + ", compiled" * compiled
+        knob = KNOB[: size.settings]
         curves.append(measured(name, "choice", (choice(a, compiled) for a in knob), off, size))
     for central in (False, True):
-        name, rtols = f"SciPy DOP853, {'central' if central else 'forward'}", RTOLS[1:]
+        name = f"SciPy DOP853, {'central' if central else 'forward'}"
+        rtols = RTOLS[1:]
         works = (differences(rtol, central) for rtol in rtols[: size.settings])
         curves.append(measured(name, "other", works, off, size))
     return curves
@@ -239,7 +245,8 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
 
 def plans(size: Size, rng: np.random.Generator) -> list[Curve]:
     """Return curves of `plan` for a tip in silicone, and in silicone in water."""
-    curves, T = [], draws.rows(ARM, rng, size.cases)
+    curves = []
+    T = draws.rows(ARM, rng, size.cases)
     for name, scene in (("plan, silicone", SILICONE), ("plan, silicone in water", IN_WATER)):
         points = [settle(ARM, row, scene, 1e-9).tip for row in T]
 
@@ -280,9 +287,11 @@ FIGURES: dict[str, tuple[Panel, ...]] = {
 
 def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
     """Draw errors over times with quartiles; each integrator has one colour in all panels."""
-    choices, markers = iter(("black", "#b3123f")), iter("sD")
+    choices = iter(("black", "#b3123f"))
+    markers = iter("sD")
     for curve in (each for each in curves if each.times):
-        x, y = np.array(curve.times).T, np.maximum(np.array(curve.errors).T, 1e-13)
+        x = np.array(curve.times).T
+        y = np.maximum(np.array(curve.errors).T, 1e-13)
         look = {"color": next(choices) if curve.kind == "choice" else _COLOURS.get(curve.name)}
         if curve.kind == "other":
             look = {"marker": next(markers)}

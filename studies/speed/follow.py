@@ -57,11 +57,13 @@ def path(arm: Arm, scene: Scene, rng: np.random.Generator) -> Iterator[Array]:
         tip = settle(arm, T, scene, _ACCURACY, compile=True).tip
         gone = float(np.linalg.norm(tip - here))
         if np.isfinite(gone) and gone > 1.5 * _STEP:
-            t, dt = t - dt / 2, dt / 2
+            t = t - dt / 2
+            dt = dt / 2
             continue
         if np.isfinite(gone):
             dt *= min(1.3, _STEP / max(gone, 1e-9))
-        here, t = tip, t + dt
+        here = tip
+        t = t + dt
         yield tip
 
 
@@ -82,11 +84,18 @@ def table_row(name: str, seconds: Sequence[float]) -> str:
 
 def walk(name: str, steps: int, rng: np.random.Generator) -> None:
     """Follow a path and return along it; print times, certificates and drift."""
-    arm, scene = Arm.from_paper("table-4"), SCENES[name]
+    arm = Arm.from_paper("table-4")
+    scene = SCENES[name]
     ahead = list(islice(path(arm, scene, rng), max(steps // 2, 2)))
     first, _, _ = timed_plan(arm, scene, ahead[0], None)
-    p, plans, checks, jumps, refused = first, list[float](), list[float](), 0, list[str]()
-    worst, failed, kept = 0.0, 0, [first.tensions]
+    p = first
+    plans = list[float]()
+    checks = list[float]()
+    jumps = 0
+    refused = list[str]()
+    worst = 0.0
+    failed = 0
+    kept = [first.tensions]
     for tip in [*ahead[1:], *ahead[-2::-1]]:
         p, planned, checked = timed_plan(arm, scene, tip, p)
         plans.append(planned)

@@ -126,7 +126,8 @@ def run(count: int, rng: np.random.Generator) -> list[Case]:
     kinds = [(name, kind) for name in ARMS for kind in SCENES]
     results: list[Case] = []
     for i, (name, kind) in enumerate(kinds):
-        arm, wanted = Arm.from_paper(name), len(range(i, count, len(kinds)))
+        arm = Arm.from_paper(name)
+        wanted = len(range(i, count, len(kinds)))
         cases: list[Case] = []
         scene = Scene(*SCENES[kind](rng, arm))
         while len(cases) < wanted:

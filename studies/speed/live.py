@@ -60,7 +60,9 @@ class Timed(Page):
     """A page that records the times of handle moves and of drawn frames [s]."""
 
     def __init__(self, session: Session, host: str, port: int) -> None:
-        self.moved, self.delays, self.drawn = 0.0, list[float](), list[float]()
+        self.moved = 0.0
+        self.delays = list[float]()
+        self.drawn = list[float]()
         super().__init__(session, host, port)
 
     def move(self) -> None:
@@ -119,7 +121,8 @@ def measured(browser: Any, session: Session, seconds: float, picture: Path | Non
         dragging.join()
     page.drawn.clear()
     page.delays.clear()
-    late, missed = drag(page, seconds), 1e3 * session.missed
+    late = drag(page, seconds)
+    missed = 1e3 * session.missed
     if picture:
         viewer.screenshot(path=picture.with_stem(f"{picture.stem}_let_go"))
     viewer.close()

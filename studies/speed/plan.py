@@ -33,7 +33,8 @@ from studies.baselines import ScipyArm
 from studies.reporting import asked
 from studies.speed.timing import Parts, Row, Spread, counted, power, print_rows, seconds, timed
 
-PAPER, _SCIPY_STARTS = draws.SCENES["paper"], 10
+PAPER = draws.SCENES["paper"]
+_SCIPY_STARTS = 10
 _FIRST = """
 import time
 begin = time.perf_counter()
@@ -63,7 +64,10 @@ def planned(
 def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
     """Compare cold, certified plans with SLSQP from random starts until one succeeds."""
     arm = Arm.from_paper("table-4")
-    scipy, results, ours, theirs = ScipyArm(arm), [], [], []
+    scipy = ScipyArm(arm)
+    results = []
+    ours = []
+    theirs = []
     points = [draws.shape(arm, PAPER, rng, i % 3).tip for i in range(plans)]
     planned(arm, points[0])
     for point in points:
@@ -85,7 +89,8 @@ def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
 
 def scene_rows(plans: int, rng: np.random.Generator) -> list[Row]:
     """Return the times of cold, certified plans in each scene, and the number certified."""
-    arm, rows = Arm.from_paper("table-4"), []
+    arm = Arm.from_paper("table-4")
+    rows = []
     for name, scene in draws.SCENES.items():
         points = [draws.shape(arm, scene, rng, i % 3).tip for i in range(plans)]
         planned(arm, points[0], scene=scene)
@@ -100,7 +105,8 @@ def warm_row(points: int, rng: np.random.Generator) -> Row:
     """Compare plans along a path, each warm-started from the previous one, with cold plans."""
     arm = Arm.from_paper("table-4")
     path = tip_path(arm, points, rng)
-    before, results = planned(arm, path[0]), []
+    before = planned(arm, path[0])
+    results = []
     for point in path[1:]:
         cold = seconds(partial(planned, arm, point))
         warm, before = timed(partial(planned, arm, point, near=before))

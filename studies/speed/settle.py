@@ -60,7 +60,8 @@ from studies.speed.timing import (
 PAPER = Scene(Extension())
 ACCURACY = 1e-6
 RTOLS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7)
-G, TIP_FORCE = (0.0, 0.0, -9.81), (0.0, 0.0, -0.002)
+G = (0.0, 0.0, -9.81)
+TIP_FORCE = (0.0, 0.0, -0.002)
 LOADS = {
     "weight in water": (Scene(Extension(), Weight(), Buoyancy(1000.0)), (0.0, 0.0, 0.0), G, 1000.0),
     "2 mN at the tip": (Scene(Extension(), TipLoad(TIP_FORCE)), TIP_FORCE, (0.0, 0.0, 0.0), 0.0),
@@ -83,7 +84,10 @@ def loosest(tip: Callable[[float], Array], true: Array, length: float) -> float 
 def settle_rows(arms: int, repeats: int, batch: int, rng: np.random.Generator) -> list[Row]:
     """Compare one equilibrium and a batch with DOP853 at the loosest sufficient tolerance."""
     arm = Arm.from_paper("table-4")
-    scipy, single, works, errors = ScipyArm(arm), [], [], []
+    scipy = ScipyArm(arm)
+    single = []
+    works = []
+    errors = []
     for T in draws.rows(arm, rng, arms):
         true = settle(arm, T, PAPER, 1e-11).tip
         errors.append(math.dist(settle(arm, T, PAPER, ACCURACY).tip, true) / arm.length)
@@ -108,7 +112,8 @@ def settle_rows(arms: int, repeats: int, batch: int, rng: np.random.Generator) -
 def jacobian_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
     """Compare the tip Jacobian with the cheapest sufficient finite differences over SciPy."""
     arm = Arm.from_paper("table-4")
-    scale, errors = draws.most(arm), []
+    scale = draws.most(arm)
+    errors = []
     entries: dict[bool, list[float]] = {False: [], True: []}
     for T in draws.rows(arm, rng, arms):
         true = tip_jacobian(arm, T, PAPER, 1e-11)[:3]
@@ -144,7 +149,8 @@ def _differences(scipy: ScipyArm, T: Array, scale: Array, true: Array, limit: fl
 
 def loaded_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
     """Compare equilibria under loads with SciPy's shooting at the loosest sufficient tolerance."""
-    arm, rows = Arm.from_paper("table-4"), []
+    arm = Arm.from_paper("table-4")
+    rows = []
     for name, (scene, force, gravity, fluid) in LOADS.items():
         results: list[float] = []
         while len(results) < arms * repeats:
@@ -179,7 +185,8 @@ def growth_of_settle(counts: Sequence[int], repeats: int, rng: np.random.Generat
 
 def tables(args: argparse.Namespace) -> Parts:
     """Return the parts of the table by name; each call measures a part."""
-    n, arms = args.repeats, args.arms
+    n = args.repeats
+    arms = args.arms
     return {
         "settle": lambda rng: settle_rows(arms, n, args.batch, rng),
         "jacobian": lambda rng: jacobian_rows(arms, n, rng),

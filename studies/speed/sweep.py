@@ -56,10 +56,12 @@ def _alone() -> dict[str, str]:
 
 def timed(file: Path, out: Path, jobs: int) -> tuple[float, float]:
     """Run a sweep; return the wall time and the processor time [s]."""
-    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    begin = time.perf_counter()
     command = [sys.executable, "-m", "octoplan", *_words(file, out, jobs)]
     subprocess.run(command, cwd=ROOT, env=_alone(), capture_output=True, check=True)
-    after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - begin
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    wall = time.perf_counter() - begin
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 

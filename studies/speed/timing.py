@@ -76,7 +76,8 @@ def repeated(work: Work, repeats: int) -> Spread:
 
 def ratios(ours: Work, theirs: Work, repeats: int) -> list[float]:
     """Return the time of `theirs` divided by the time of `ours`, both measured in turn."""
-    few, many = calls_for(theirs), calls_for(ours)
+    few = calls_for(theirs)
+    many = calls_for(ours)
     return [seconds(theirs, few) / seconds(ours, many) for _ in range(repeats)]
 
 
