@@ -11,9 +11,11 @@ A block adds to the program (octoplan.planner.program) any of
     objectives     expressions whose sum replaces the effort
 
 A new constraint is a subclass of Block. `Strategy.constraints` (octoplan.planner.strategy) returns
-the Constraints that add its blocks to all programs of a search. The solution keeps these in
-`avoidance`, so that the plan states the same program again. A target
-needs no block: octoplan.planner.targets.target_rows states the rows of all targets.
+the Constraints that add its blocks to all programs of a search. A strategy has an entry in
+octoplan.planner.entry_points, and the first effect or target with a `plan_strategy` selects the
+strategy of a plan: strategies do not combine. The solution keeps the constraints in `avoidance`, so
+that the plan states the same program again. A target needs no block:
+octoplan.planner.targets.target_rows states the rows of all targets.
 
 A block is a frozen dataclass. The compared fields are the structure: two equal blocks add the same
 expressions to a program. Fields with `compare=False` are numbers, which a program never reads.
@@ -44,7 +46,10 @@ ACTIVE = 1e-9
 
 
 class Rows(NamedTuple):
-    """Rows of one kind: lower <= value (n,) <= upper."""
+    """Rows of one kind: lower <= value (n,) <= upper.
+
+    Bounds and multipliers are found by the kind, so that each block has kinds of its own.
+    """
 
     kind: str
     value: ca.MX
@@ -175,7 +180,7 @@ class Block:
         return []
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
-        """Return the parameters (n_c, N) of each placed kernel."""
+        """Return the parameters (n_c, N) of each placed kernel, in the order of `equations`."""
         return []
 
     def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> ParameterValues:

@@ -3,10 +3,11 @@
     least stretch     1 + q >= 1e-3, at one place of each segment; only with extension
     largest tension   unknown T_max:    T_max - T_j >= 0
     total pull        sum_j T_j <= limit
-    tendon lengths    unknowns l_j:     integral of |c_j'| - l_j = 0,   l_min <= l_j <= l_max
+    tendon lengths    unknowns l_j:     integral of |c_j| - l_j = 0,    l_min <= l_j <= l_max
 
-c_j is the curve of tendon j. Larger blocks are in octoplan.planner.responses (compliance of the
-tip) and octoplan.planner.least_mode (stability margin).
+c_j is the tangent of tendon j per unit of arc length. Larger blocks are in
+octoplan.planner.responses (compliance of the tip) and octoplan.planner.least_mode (stability
+margin).
 """
 
 from __future__ import annotations

@@ -49,9 +49,9 @@ from octoplan.planner.targets.target_rows import TargetRows
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of the effort in least squares, during a search [-].
 SEARCH_WEIGHT = 1e-7
-# Weight of the effort in least squares, in the end [-]. The weight keeps shapes away from points
-# within reach by RESOLVED at most. The weight is smaller for a finer accuracy, but the tolerance of
-# the solver then leaves less and less of the effort.
+# Weight of the effort in least squares, in the end [-]. Least squares with this weight stop short
+# of a point within reach by RESOLVED at most. The weight is reduced in proportion to accuracies
+# finer than ACCURACY. The smaller the weight, the less exactly the solver minimises the effort.
 FINAL_WEIGHT = 3e-11
 # Distance over L below which a nearest shape is not distinguished from a shape at the target.
 RESOLVED = ACCURACY / 2

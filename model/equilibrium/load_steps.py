@@ -254,6 +254,7 @@ class Collocation:
         system = self.system
         is_unique = not self._loaded or has_unique_equilibrium(system.arm, system.scene)
         unpulled = None if is_unique else self._under_loads
+        # If there is one equilibrium, the order does not matter: the default is reported.
         history: History = "loads first" if is_unique else "tensions first"
         strains = system.sections.unloaded(tensions)
         lost = np.asarray(np.isnan(strains).any(axis=2), dtype=bool)

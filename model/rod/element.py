@@ -1,18 +1,19 @@
 """The kernel of an element: kinematics and balance between two nodes of the mesh.
 
 With kappa_i, nu_i the strains at the Gauss stages and a, b, c the tableau
-(octoplan.model.rod.collocation), the tip-to-base equations are
+(octoplan.model.rod.collocation), poses follow from base to tip, moments and forces from tip to
+base:
 
     R_i = R_k exp(rotation to stage i)                 R_{k+1} = R_k exp(rotation across)
-    u_{k+1} = u_k + h sum_j b_j R_j nu_j               (u' = nu, eq. (1))
+    u_{k+1} = u_k + h sum_j b_j R_j nu_j               (u' = R nu, eq. (1))
     F_k = F_{k+1} + h sum_j b_j f_j                    (F' = -f)
     M_k = M_{k+1} + h sum_j b_j (R_j nu_j) x F_j       (M' = -u' x F, eq. (3))
     body(v_i) + sum T tendon(v_i) = (R_i^T M_i, R_i^T F_i)
 
-with F_i, M_i at the stages by b_j - a_ij in place of b_j. Poses are integrated from the base,
-forces and moments from the tip, so that the balance of a stage contains M_{k+1} and F_{k+1}. The
-dead loads enter by their known resultant between each stage and the tip; f are the shape-dependent
-loads of the rod terms.
+with F_i, M_i at the stages by b_j - a_ij in place of b_j, and the dead resultant added to F_i.
+Poses are integrated from the base, forces and moments from the tip, so that the balance of a stage
+contains M_{k+1} and F_{k+1}. The dead loads enter by their known resultant between each stage and
+the tip; f are the shape-dependent loads of the rod terms.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import casadi as ca
 from octoplan.model.cross_section.law import join
 from octoplan.model.rod.collocation import gauss, rotation_vectors, weighted_sum
 from octoplan.model.rod.kernels import Intermediates, Kernel
-from octoplan.model.rod.rod_term import SectionView, Symbols
+from octoplan.model.rod.rod_term import SectionView, Symbols, check_declared
 from octoplan.model.rod.structure import RodStructure, of_term
 from octoplan.model.rotations import half_angle, multiply, unit_matrix
 
@@ -217,9 +218,9 @@ def _load(structure: RodStructure, x: ElementSymbols, section: SectionView, stag
     """Return the shape-dependent load (3,) at a stage, in the frame at the first node [N/m]."""
     load = ca.SX(3, 1)
     for k, term in enumerate(structure.terms):
-        load += x.load_factor * term.load_per_length(
-            _section_of_term(structure, x, section, k, stage)
-        )
+        load_of_term = term.load_per_length(_section_of_term(structure, x, section, k, stage))
+        check_declared(term, load_of_term, has_force=structure.has_force)
+        load += x.load_factor * load_of_term
     return load
 
 

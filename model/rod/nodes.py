@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from octoplan.model.rod.kernels import Kernel
-from octoplan.model.rod.rod_term import NodeView
+from octoplan.model.rod.rod_term import NodeView, check_declared
 from octoplan.model.rod.structure import RodStructure, TermStructure
 from octoplan.model.rotations import unit_matrix
 
@@ -50,7 +50,9 @@ def node(name: str, structure: TermStructure, n_wrench: int) -> Kernel:
     pose = ca.SX.sym("g", POSE)
     variables = ca.SX.sym("z", term.n_node_variables)
     symbols = {key: ca.SX.sym(key, size) for key, size in term.node_parameters.items()}
-    view = NodeView(unit_matrix(pose[:4]), pose[4:], variables, symbols)
-    wrench = ca.vertcat(term.node_moment(view), term.node_force(view))[:n_wrench]
+    view = NodeView(frame=unit_matrix(pose[:4]), variables=variables, parameters=symbols)
+    force = term.node_force(view)
+    check_declared(term, force, has_force=n_wrench > 3)
+    wrench = ca.vertcat(term.node_moment(view), force)[:n_wrench]
     rows = ca.vertcat(-load_factor * wrench, term.node_equations(view))
     return Kernel(name, ca.vertcat(load_factor, pose, variables), symbols, rows)

@@ -25,6 +25,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Places
 from octoplan.model.stations import Counts, Stations
+from octoplan.model.support.errors import InputError
 
 # Sizes of parameters, and their symbols or values, by name.
 Sizes = dict[str, int]
@@ -123,9 +124,9 @@ class NodeView:
     Attributes
     ----------
     frame : (3, 3)
-        Columns t, n, b in the base frame.
-    position : (3,)
-        Position in the base frame [m].
+        Columns t, n, b in the base frame. Forces and moments may depend on orientations only,
+        because the stability test omits derivatives by positions; contact, which depends on
+        positions, has kernels of its own and no stability test of this kind.
     variables : (n_node_variables,)
         Node variables of the term.
     parameters : dict of (size,)
@@ -133,7 +134,6 @@ class NodeView:
     """
 
     frame: ca.SX
-    position: ca.SX
     variables: ca.SX
     parameters: Symbols
 
@@ -208,7 +208,8 @@ class RodTerm:
         Whether the effect couples or twists the cross-sections: then the moment is a state of the
         nodes, and torsion is a strain. True for all loads, shear and friction.
     depends_on_shape : bool
-        Whether a force depends on the shape: then the force is a state of the nodes.
+        Whether the term has a `load_per_length` or a `node_force`. The force is then a state of
+        the nodes. A term that overrides one of them without this attribute is rejected.
     n_tendon_states : int
         Number of states of each tendon at each node.
     uniform_parameters, section_parameters, tendon_parameters, node_parameters : dict of int
@@ -260,7 +261,10 @@ class RodTerm:
         return ()
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
-        """Return the nodes at which the term has forces, moments and free variables."""
+        """Return the nodes at which the term has forces, moments and free variables.
+
+        Terms without nodes and without node variables have no kernels of their own, too.
+        """
         return ()
 
     def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
@@ -277,7 +281,7 @@ class RodTerm:
         """
         return order
 
-    # Loads. The rod multiplies all of them by the load factor.
+    # Loads. The rod multiplies these members by the load factor, but not `element_kernels`.
 
     def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
         """Return the resultant (3, n) [N] of the dead forces between s (n,) and the tip.
@@ -288,7 +292,11 @@ class RodTerm:
         return np.zeros((3, s.size))
 
     def dead_load_per_length(self, arm: Arm, s: Array) -> Array:
-        """Return the dead loads (3, n) per unit reference length [N/m] at s (n,), base frame."""
+        """Return the distributed part of the dead loads (3, n) [N/m] at s (n,), base frame.
+
+        This is minus the derivative of `dead_resultant` along s. It adds no load: terms that
+        differentiate the balance along s, such as friction, use it. Override both or neither.
+        """
         return np.zeros((3, s.size))
 
     def load_per_length(self, section: SectionView) -> ca.SX:
@@ -465,3 +473,10 @@ class RodTerm:
             Lengths of these elements [m].
         """
         return np.zeros((*shares.shape, 0))
+
+
+def check_declared(term: RodTerm, load: ca.SX, has_force: bool) -> None:
+    """Raise InputError if a term has a shape-dependent load that the rod would leave out."""
+    if load.nnz() and not has_force:
+        name = f"{type(term).__name__}.depends_on_shape"
+        raise InputError(name, False, "True for a term with shape-dependent forces")

@@ -21,7 +21,7 @@ from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Solution, Trial
-from octoplan.planner.solve.refine import PART, polish, refine
+from octoplan.planner.solve.refine import SAFETY_FACTOR, polish, refine
 
 # Relative change of the tensions per step above which the step is halved to detect a jump.
 _LITTLE = 0.25
@@ -59,7 +59,7 @@ def warm_start(
         optimum, apart = continued
         fine = refine(optimum)
         if fine is None or not fine.problem.is_stable(
-            fine.x, margin and margin - STABILITY_TOLERANCE / PART
+            fine.x, margin and margin - STABILITY_TOLERANCE / SAFETY_FACTOR
         ):
             return None
         trials = (Trial(optimum.f, True, optimum.iterations),)

@@ -33,11 +33,12 @@ from octoplan.planner.solve.ipopt import OBJECTIVE_SCALE, solve
 # Largest number of corrections of a program: by defects, on finer meshes, for other least stable
 # modes, and for further stations or nearest points.
 CORRECTIONS = 16
-# The accuracy, and the tolerance of optimality, over the largest error of a defect.
-PART = 3
-# Largest accuracy of defects; used for coarser accuracies, too, because the residual of optimality
-# has the tolerance KKT_TOLERANCE [-].
-LARGEST_ACCURACY = 1e-6
+# A defect is accepted if its change is at most 1 / SAFETY_FACTOR of the accuracy. Optimality is
+# held to 1 / SAFETY_FACTOR of KKT_TOLERANCE.
+SAFETY_FACTOR = 3
+# Coarser accuracies count as this accuracy, because optimality has the fixed tolerance
+# KKT_TOLERANCE [-].
+COARSEST_ACCURACY = 1e-6
 # Relative error of margins and efforts on a coarse mesh.
 COARSE_RTOL = 1e-3
 # Defect, over L and in rad, above which the mesh is refined: tensions are off by a few times as
@@ -59,7 +60,7 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
     on the way, if the arm settles to another shape from rest, or if the arm buckles.
     """
     task, last, before = optimum.problem.task, None, np.inf
-    tolerance = max(min(task.accuracy, LARGEST_ACCURACY) / PART, FINEST_ACCURACY)
+    tolerance = max(min(task.accuracy, COARSEST_ACCURACY) / SAFETY_FACTOR, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
             check_time()
@@ -74,7 +75,9 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
                 remaining = _effort_change(corrected) if is_effort else corrected.residual
                 # Rounding errors keep the change from falling.
                 stagnates = is_effort and remaining > before / 2
-                if stagnates or remaining <= (EFFORT_TOL if is_effort else KKT_TOLERANCE / PART):
+                if stagnates or remaining <= (
+                    EFFORT_TOL if is_effort else KKT_TOLERANCE / SAFETY_FACTOR
+                ):
                     return last
                 before = remaining
             optimum = polish(corrected)

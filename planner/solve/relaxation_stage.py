@@ -119,12 +119,12 @@ class RelaxationStage:
         return sorted([*self.stable, *self.unstable], key=attrgetter("f"))
 
     @property
-    def is_nearly_met(self) -> bool:
+    def some_optimum_meets(self) -> bool:
         """Whether the least squares of some optimum vanish within the tolerance."""
         return any(optimum.f <= NEARLY_MET for optimum in self.optima)
 
     @property
-    def is_missed(self) -> bool:
+    def no_stable_optimum_meets(self) -> bool:
         """Whether targets are relaxed, and the least squares of no stable optimum vanish."""
         return self.mode != "exact" and not any(each.f <= NEARLY_MET for each in self.stable)
 
@@ -148,7 +148,7 @@ class RelaxationStage:
         for T in islice(self.guesses, most):
             if until_equal and self.multistart_done():
                 return
-            if until_met and self.is_nearly_met:
+            if until_met and self.some_optimum_meets:
                 return
             report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
             self._record(solve_from_guess(problem, T, defect))
@@ -162,7 +162,7 @@ class RelaxationStage:
         """
         if self.task.guesses is not None:
             return False
-        if self.starts and self.is_nearly_met:
+        if self.starts and self.some_optimum_meets:
             return True
         trials, mode, n_conditions = self.trials, self.mode, self.task.target_set.conditions
         objectives = [trial.objective if trial.met else np.inf for trial in trials]

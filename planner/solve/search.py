@@ -117,11 +117,11 @@ class Search:
             if can_resume and not stage.optima:
                 suspended = stage
                 continue
-            if stage.is_missed and self._n_sampled:
+            if stage.no_stable_optimum_meets and self._n_sampled:
                 stage = self.stage = self._with_samples(stage)
             stages = [stage]
-            unstable |= stage.is_missed and stage.is_nearly_met
-            if suspended is not None and stage.is_nearly_met and not stage.starts:
+            unstable |= stage.no_stable_optimum_meets and stage.some_optimum_meets
+            if suspended is not None and stage.some_optimum_meets and not stage.starts:
                 suspended.task = stage.task
                 nearest = stage.optima[0].tensions
                 suspended.guesses = chain([nearest], suspended.guesses)

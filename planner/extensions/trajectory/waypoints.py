@@ -38,7 +38,7 @@ from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.ipopt import solve
-from octoplan.planner.solve.refine import CORRECTIONS, PART, collapse_defect, defect
+from octoplan.planner.solve.refine import CORRECTIONS, SAFETY_FACTOR, collapse_defect, defect
 from octoplan.planner.solve.relaxation_stage import RelaxationStage
 from octoplan.planner.solve.search import Search
 
@@ -95,7 +95,7 @@ class Waypoints:
             pairs = zip(waypoints, tensions, strict=True)
             waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
             parameters = list(map(self._corrected, problems, unknowns, parameters))
-            if program.violation(solution, parameters) <= self.question.accuracy / PART:
+            if program.violation(solution, parameters) <= self.question.accuracy / SAFETY_FACTOR:
                 break
         return waypoints
 

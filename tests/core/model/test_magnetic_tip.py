@@ -9,10 +9,11 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from octoplan import Arm, Scene, TipPosition, plan, settle
+from octoplan import Arm, InputError, Scene, TipPosition, plan, settle
 from octoplan.model.effects.base import Effect, EffectSet
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.mesh import Mesh
@@ -94,3 +95,22 @@ def test_plan_with_a_magnet_meets_its_target_and_is_certified() -> None:
 
 def test_load_without_bounds_may_have_several_equilibria() -> None:
     assert not has_unique_equilibrium(Arm.from_paper("table-2"), SCENE)
+
+
+@dataclass(frozen=True)
+class UndeclaredForceTerm(MagneticTipTerm):
+    """A force in the frame of the tip, without `depends_on_shape`."""
+
+    def node_force(self, node: NodeView) -> ca.SX:
+        return node.frame @ node.parameters["dipole"]
+
+
+@value
+class UndeclaredForce(MagneticTip):
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        return UndeclaredForceTerm(self.dipole, self.field)
+
+
+def test_a_force_that_the_rod_would_leave_out_is_refused() -> None:
+    with pytest.raises(InputError, match=r"UndeclaredForceTerm\.depends_on_shape"):
+        settle(Arm.from_paper("table-4"), [[0] * 4] * 3, Scene(UndeclaredForce(DIPOLE, FIELD)))
