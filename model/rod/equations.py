@@ -7,6 +7,7 @@ expressions for CasADi's solvers by `map` and a constant matrix.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -77,11 +78,6 @@ class Equations:
         (x, p) -> dg/dp (n_g, n_p).
     hessian : AssembledValue
         (x, p, lam) -> the full Hessian of lam . g in x (n_x, n_x).
-
-    Raises
-    ------
-    ValueError
-        If two kernels with parameters have the same name.
     """
 
     def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
@@ -89,9 +85,6 @@ class Equations:
         self.n_x = n_x
         self.n_g = n_g
         self.terms = [term for term in terms if term.count]
-        names = [term.kernel.name for term in self.terms if term.kernel.parameters]
-        if len(names) > len(set(names)):
-            raise ValueError(f"kernels = {names}: must have different names")
         ends = np.cumsum([0, *(term.kernel.c.numel() * term.count for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
@@ -100,8 +93,20 @@ class Equations:
         self.parameter_jacobian = AssembledValue(self, "parameter_jacobian", (n_g, self.n_p))
         self.hessian = AssembledValue(self, "hessian", (n_x, n_x))
 
+    @cached_property
+    def _ambiguous(self) -> frozenset[str]:
+        """Names that several kernels with parameters share."""
+        count = Counter(term.kernel.name for term in self.terms if term.kernel.parameters)
+        return frozenset(name for name, n in count.items() if n > 1)
+
     def vector(self, parameters: ParameterValues) -> Array:
-        """Return the parameters p (n_p,) from values (size, N) by kernel and name."""
+        """Return the parameters p (n_p,) from values (size, N) by kernel and name.
+
+        Raises ValueError if two kernels with parameters have the same name.
+        """
+        ambiguous = sorted(self._ambiguous)
+        if ambiguous:
+            raise ValueError(f"kernels = {ambiguous}: must have different names")
         p = np.empty(self.n_p)
         for kernel, views in self.named(p).items():
             for name, view in views.items():
@@ -109,9 +114,14 @@ class Equations:
         return p
 
     def named(self, p: Array) -> ParameterValues:
-        """Return views (size, N, ...) of the parameters p (n_p, ...), by kernel and name."""
+        """Return views (size, N, ...) of the parameters p (n_p, ...), by kernel and name.
+
+        Kernels that share a name are left out, because the name does not identify them.
+        """
         result: ParameterValues = {}
         for term, part in zip(self.terms, self.slices, strict=True):
+            if term.kernel.name in self._ambiguous:
+                continue
             columns = p[part].reshape(term.count, -1, *p.shape[1:])
             result[term.kernel.name] = {
                 name: columns[:, rows].swapaxes(0, 1) for name, rows in term.kernel.slices.items()
