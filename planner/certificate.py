@@ -36,6 +36,22 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Optimality:
+    """The first-order conditions of a plan.
+
+    Attributes
+    ----------
+    residual : float
+        Residual of the conditions, scaled.
+    saving : float or None
+        Effort that the best descent direction saves, to first order [N]; None if not computed.
+    """
+
+    residual: float
+    saving: float | None = None
+
+
+@dataclass(frozen=True)
 class Certificate(HtmlRepr):
     """The results of the check of a plan. Lengths are divided by the arm's, angles are in rad.
 
@@ -47,6 +63,7 @@ class Certificate(HtmlRepr):
     bounds : largest violation of a tension limit [N]
     strokes : largest violation of a stroke limit
     kkt : residual of the first-order conditions, scaled, with the multipliers of the plan
+    saving : effort that the best descent direction saves, to first order [N]; None if not computed
     agreement : distance between the settled tip and the tip of the check
     error : estimated tip error of the check
     stability : smallest eigenvalue of the scaled Hessian of the energy; below 0 the arm is unstable
@@ -71,6 +88,7 @@ class Certificate(HtmlRepr):
     inequality: Mapping[str, float] = field(default_factory=dict)
     bounds: float = np.inf
     kkt: float = field(default=np.inf, compare=False)
+    saving: float | None = field(default=None, compare=False, kw_only=True)
     agreement: float = np.inf
     error: float = np.inf
     stability: float = np.inf
@@ -149,10 +167,29 @@ class Certificate(HtmlRepr):
         return not self.problem and missed <= self.tolerance
 
     @property
+    def optimal(self) -> bool:
+        """Whether the first-order conditions of a least effort are verified."""
+        return self.kkt <= KKT_TOLERANCE
+
+    @property
+    def optimality(self) -> str:
+        """A description of the first-order conditions."""
+        if self.optimal:
+            return "locally optimal"
+        if not self.saving:
+            return f"not proven optimal (optimality residual {self.kkt:.1e})"
+        return f"not proven optimal (a descent direction saves {self.saving:.2g} N)"
+
+    @property
     def failures(self) -> tuple[str, ...]:
-        """Sentences about the checks that failed."""
+        """Sentences about the checks that failed.
+
+        A plan that meets its targets within the limits need not be optimal. The nearest plan to a
+        target is defined by its optimality, which is then one of the checks.
+        """
         if self.problem:
             return (self.problem,)
+        as_near = max(self.soft_residual.values(), default=0.0) > self.tolerance
         least = self.stability_margin
         below = f"stability below its margin of {least:g} by"
         unstable = below if self.stability >= 0 else "the arm does not stand; stability below 0 by"
@@ -161,7 +198,7 @@ class Certificate(HtmlRepr):
             (-min(self.inequality.values(), default=0.0), self.tolerance, "inequality below 0 by"),
             (self.bounds, 0.0, "tension limit violated by [N]"),
             (self.strokes, self.tolerance, "stroke limit violated by [L]"),
-            (self.kkt, KKT_TOLERANCE, "optimality residual"),
+            *((self.kkt, KKT_TOLERANCE, "optimality residual") for _ in range(as_near)),
             (self.agreement, self.tolerance, "integrators differ by"),
             (least - self.stability, STABILITY_TOLERANCE if least > 0 else 0.0, unstable),
             *((check.value, check.allowed, name) for name, check in self.checks.items()),
@@ -181,7 +218,7 @@ class Certificate(HtmlRepr):
 
     @property
     def passed(self) -> bool:
-        """Whether target, limits and first-order optimality are verified to the tolerances."""
+        """Whether targets, limits and stability are verified to the tolerances; see `optimal`."""
         return not self.failures
 
     @property
@@ -197,7 +234,8 @@ class Certificate(HtmlRepr):
                 for name, value in values.items()
             ),
             ("limits violated by [N]", self.bounds, "at most 0"),
-            ("optimality residual [-]", self.kkt, f"at most {KKT_TOLERANCE:.0e}"),
+            ("optimality residual [-]", self.kkt, f"at most {KKT_TOLERANCE:.0e} if optimal"),
+            ("effort that descent saves [N]", self.saving, ""),
             ("integrators differ by [L]", self.agreement, most),
             ("estimated tip error [L]", self.error, ""),
             ("stability [-]", self.stability, f"at least {self.stability_margin:g}; 1 at rest"),

@@ -25,7 +25,7 @@ from octoplan.model.rod.discrete_rod import system
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
-from octoplan.planner.certificate import MOST_LOADS, Certificate
+from octoplan.planner.certificate import MOST_LOADS, Certificate, Optimality
 from octoplan.planner.entry_points import CERTIFICATE_CHECKS, load
 from octoplan.planner.limits import Limits
 from octoplan.planner.measure import strokes
@@ -36,7 +36,7 @@ def certify(
     problem: PlanningProblem,
     tensions: Array,
     settled: Callable[[], Shape],
-    kkt: Callable[[], float],
+    optimality: Callable[[], Optimality],
 ) -> Certificate:
     """Verify tensions by initial value integration; evaluate targets, limits and optimality.
 
@@ -47,8 +47,8 @@ def certify(
         [N].
     settled : function
         Returns the shape, more accurate than the problem asks for.
-    kkt : function
-        Returns the residual of the first-order conditions at this shape, scaled.
+    optimality : function
+        Returns the first-order conditions at this shape.
 
     The certificate reports errors, and the end of the time limit, as its `problem`.
     """
@@ -58,7 +58,7 @@ def certify(
         tolerance=problem.accuracy,
     )
     try:
-        return _checked(begun, problem, settled(), kkt)
+        return _checked(begun, problem, settled(), optimality)
     except OutOfTime:
         return replace(begun, problem=OUT_OF_TIME)
     except OctoplanError as reason:
@@ -66,7 +66,10 @@ def certify(
 
 
 def _checked(
-    begun: Certificate, problem: PlanningProblem, shape: Shape, kkt: Callable[[], float]
+    begun: Certificate,
+    problem: PlanningProblem,
+    shape: Shape,
+    optimality: Callable[[], Optimality],
 ) -> Certificate:
     """Return a certificate with the checks of a shape; raises the errors of the integration."""
     arm, targets, limits = problem.arm, problem.target_set, problem.limits
@@ -85,7 +88,7 @@ def _checked(
         (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
         over = float(np.max([low - taken, taken - high], initial=0.0)) / arm.length
     report("verifying optimality")
-    optimality = kkt()
+    conditions = optimality()
     checked = replace(
         begun,
         equality={name: float(np.linalg.norm(values)) for name, values in equality.items()},
@@ -93,7 +96,8 @@ def _checked(
             name: float(np.linalg.norm(values)) for name, values in soft_residual.items()
         },
         inequality={name: float(np.min(values)) for name, values in inequality.items()},
-        kkt=optimality,
+        kkt=conditions.residual,
+        saving=conditions.saving,
         agreement=math.dist(tip, shape.tip) / arm.length,
         error=error,
         stability=least,

@@ -91,9 +91,10 @@ def _verdict(plan: Any, certificate: Certificate) -> str:
     equal = solution.n_equal_optima
     tried = f"{count} {guesses}{samples} tried, {equal} led to the best optimum"
     if certificate.passed:
-        bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
-        cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"
-        return f"Reached{_success(plan)}; {cost}{tried}"
+        stable = f"stability {certificate.stability:.3g}, {certificate.bears}; "
+        bears = stable if certificate.bears else ""
+        cost = f"effort {plan.effort:.4g} N, {certificate.optimality}"
+        return f"{_verb(plan)}{_success(plan)}; {cost}; {bears}{tried}"
     if certificate.strokes > certificate.tolerance:
         over = _size(certificate.strokes, length)
         return (
@@ -118,6 +119,12 @@ def _verdict(plan: Any, certificate: Certificate) -> str:
         )
     failures = "; ".join(certificate.failures)
     return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
+
+
+def _verb(plan: Any) -> str:
+    """Return the verb of success that all targets share, otherwise "Reached"."""
+    verbs = {target.success for target in plan.targets}
+    return verbs.pop() if len(verbs) == 1 else "Reached"
 
 
 def _success(plan: Any) -> str:

@@ -19,7 +19,7 @@ from octoplan.model.support.errors import OctoplanError, UncertifiedError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.text import TextRepr, plotted
-from octoplan.planner.certificate import Certificate
+from octoplan.planner.certificate import Certificate, Optimality
 from octoplan.planner.certification import certify
 from octoplan.planner.entry_points import MIRROR_IMAGES, PLAN, SAVE_PLAN, load
 from octoplan.planner.measure import strokes
@@ -137,7 +137,7 @@ class Plan(TextRepr):
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see octoplan.planner.certification."""
         T = np.ravel(self.tensions)
-        return certify(self.problem, T, lambda: self.shape, self._kkt)
+        return certify(self.problem, T, lambda: self.shape, self._optimality)
 
     @property
     def reached(self) -> bool:
@@ -217,9 +217,9 @@ class Plan(TextRepr):
             return on_mesh(known, problem, self.shape)
         return None
 
-    def _kkt(self) -> float:
-        """Return the residual of the first-order conditions, scaled."""
-        return np.inf if self.optimum is None else self.optimum.residual
+    def _optimality(self) -> Optimality:
+        """Return the first-order conditions of the plan."""
+        return Optimality(np.inf if self.optimum is None else self.optimum.residual)
 
     def multipliers(self, kind: str) -> Array:
         """Return the multipliers of the constraints of a kind; see Program.row_kinds."""

@@ -93,6 +93,8 @@ def _certificate(result: Certificate | MotionCertificate) -> Iterator[Part]:
     yield f"certificate: {'PASSED' if result.passed else 'FAILED'}{by}"
     yield result.rows
     if isinstance(result, Certificate):
+        if result.passed and not result.optimal:
+            yield f"  {result.optimality}"
         yield from (f"  beware: {warning}" for warning in result.warnings)
     yield from (f"  failed: {failure}" for failure in result.failures)
 

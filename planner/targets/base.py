@@ -158,6 +158,8 @@ class Target:
 
     # Name of the strategy that plans the target; see octoplan.planner.entry_points.
     plan_strategy = ""
+    # Verb with which the outcome begins if the target is met.
+    success = "Reached"
     # Unit of the inverse of the target's compliance, for the outcome of a plan.
     stiffness_unit = "N/m"
 

@@ -42,6 +42,7 @@ class Hold(Target):
     """
 
     plan_strategy = "contact"
+    success = "Held"
 
     obstacle: Convex
     wrench: tuple[float, ...]

@@ -13,6 +13,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, check_time
+from octoplan.planner.certificate import Optimality
 from octoplan.planner.extensions.contact.load_path import LoadPath
 from octoplan.planner.extensions.contact.program import Constraints, TensionProgram
 from octoplan.planner.limits import natural_tensions
@@ -82,7 +83,7 @@ def optimum(
         for there in _iterates(program, at):
             path.append(there)
     at = path[-1]
-    residual, lam = conditions(at)
+    residual, lam, _ = conditions(at)
     load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
     above, below, (stability, *_) = np.split(lam, [n, 2 * n])
     lam_x, yields = tuple((above - below).tolist()), bool(program.least and stability > _NONE)
@@ -141,12 +142,19 @@ def steered(
         penalty *= 10
 
 
-def conditions(at: Constraints) -> tuple[float, Array]:
-    """Return the residual of the first-order conditions, and the multipliers.
+def conditions(at: Constraints) -> tuple[float, Array, Array]:
+    """Return the residual of the first-order conditions, the multipliers, and the step (n,).
 
     The residual is the size of the step with the Hessian of the effort; see Constraints.step.
     """
     n = at.tensions.size
     change, tangential, *_, penalty = steered(at, np.eye(n), np.ones(n), _PENALTIES[0])
     change, _, lam, _ = replace(at, tangential=tangential).step(np.eye(n), np.ones(n), penalty)
-    return float(np.abs(change).max() / (1 + np.abs(lam).max())), lam
+    return float(np.abs(change).max() / (1 + np.abs(lam).max())), lam, change
+
+
+def first_order(program: TensionProgram, at: Constraints) -> Optimality:
+    """Return the residual of the first-order conditions, and the effort that the step saves [N]."""
+    residual, _, change = conditions(at)
+    saving = np.linalg.norm(at.tensions) - np.linalg.norm(at.tensions + change)
+    return Optimality(residual, max(float(program.unit * saving), 0.0))

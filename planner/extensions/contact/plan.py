@@ -12,6 +12,7 @@ from octoplan.model.extensions.contact.effects import without_contacts
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.planner.block import ACTIVE
+from octoplan.planner.certificate import Optimality
 from octoplan.planner.extensions.contact.grasp import Grip, grips_of
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import settled_along
@@ -76,9 +77,9 @@ class ContactPlan(Plan):
         bound = self.problem.options.stability_bound
         return [(np.inf, active_margin(bound))] if is_active else []
 
-    def _kkt(self) -> float:
+    def _optimality(self) -> Optimality:
         if self.beside:
-            return self.beside._kkt()
+            return self.beside._optimality()
         T, path = np.ravel(self.tensions), self.solution.load_path
         return optimality_of(self.problem, T, self.shape, path)
 

@@ -18,6 +18,7 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
 from octoplan.model.support.progress import OutOfTime, check_time, report, reserve
+from octoplan.planner.certificate import Optimality
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import (
     ON_THE_PATH,
@@ -26,7 +27,7 @@ from octoplan.planner.extensions.contact.load_path import (
     rubs,
     settled_along,
 )
-from octoplan.planner.extensions.contact.optimum import ContactOptimum, conditions, optimum
+from octoplan.planner.extensions.contact.optimum import ContactOptimum, first_order, optimum
 from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.extensions.contact.wrap import Wrap
 from octoplan.planner.planning_problem import PlanningProblem
@@ -250,16 +251,14 @@ def _free_arms_reaching(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
 
 def optimality_of(
     task: PlanningProblem, tensions: Array, shape: Shape, load_path: LoadPath = ()
-) -> float:
-    """Return the residual of the first-order conditions at tensions (n_tendons,), scaled.
-
-    Of the shape that a load path leads to.
-    """
+) -> Optimality:
+    """Return the first-order conditions at tensions (n_tendons,), of the shape of a load path."""
     with suppress(OctoplanError):
         bound = task.options.stability_bound * task.options.modes
         program = TensionProgram(task, FINE, bound, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
         on_mesh = program.begin or program.map.solve(tensions, shape.known)
         begin = program.begin or program.settled(tensions, on_mesh)
-        return conditions(program.at(tensions / program.unit, begin))[0]
-    return np.inf
+        at = program.at(tensions / program.unit, begin)
+        return first_order(program, at)
+    return Optimality(np.inf)

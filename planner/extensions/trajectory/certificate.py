@@ -15,7 +15,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report
 from octoplan.model.support.text import HtmlRepr, to_text
-from octoplan.planner.certificate import Certificate
+from octoplan.planner.certificate import Certificate, Optimality
 from octoplan.planner.certification import certify, tension_excess
 from octoplan.planner.extensions.trajectory.clear import between, strokes_between
 from octoplan.planner.extensions.trajectory.question import Question
@@ -231,5 +231,5 @@ def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) ->
     problem = PlanningProblem(
         question.arm, targets, question.scene, question.limits, NlpOptions(), question.accuracy
     )
-    one = certify(problem, shape.tensions, lambda: shape, lambda: 0.0)
+    one = certify(problem, shape.tensions, lambda: shape, lambda: Optimality(0.0))
     return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})
