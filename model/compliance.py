@@ -136,6 +136,15 @@ def length_response(shape: Shape) -> LengthResponse:
     return LengthResponse(taut, tension, pose[:3], pose[3:])
 
 
+def length_error(shape: Shape) -> dict[str, float]:
+    """Return the displacement of the tip per error of a tendon length [-], by taut tendon."""
+    response = length_response(shape)
+    taut = np.flatnonzero(response.taut)
+    each = np.linalg.norm(response.tip[:, taut], axis=0)
+    names = (shape.arm.tendon_name(int(j)) for j in taut)
+    return dict(zip(names, each.tolist(), strict=True))
+
+
 def by_lengths(
     shape: Shape, point: Response, held: Index, longer: Array, EA: float = np.inf
 ) -> Array:

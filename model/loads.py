@@ -1,4 +1,4 @@
-"""The loads of a scene on an arm: sums over the rod terms of its effects."""
+"""The loads of a scene: sums over the rod terms of its effects, and the loads of another scene."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.effects.base import Effect
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST
@@ -18,6 +19,26 @@ def is_loaded(scene: Scene) -> bool:
     In all other scenes each cross-section settles by itself.
     """
     return any(term.couples_sections for term in scene.rod_terms)
+
+
+def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
+    """Return a scene with the load values of another scene.
+
+    Loads that the other scene lacks are 0 in the result, so that the equations of both scenes have
+    one structure. Return None if other effects differ, or if the other scene has further loads.
+    """
+    known = {(type(each), each.place): each for each in other.effects}
+    effects = list[Effect]()
+    for effect in scene.effects:
+        before = known.pop((type(effect), effect.place), None)
+        if before is None:
+            before = effect.without_force()
+        elif before.without_force() != effect.without_force():
+            return None
+        if before is None:
+            return None
+        effects.append(before)
+    return None if known else Scene(*effects)
 
 
 def has_complementarity(scene: Scene) -> bool:

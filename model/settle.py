@@ -15,7 +15,6 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.continuation import MAX_TOLERANCE_FACTOR
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
-from octoplan.model.equilibrium.load_changes import with_loads_of
 from octoplan.model.equilibrium.newton import STEP_TOL
 from octoplan.model.forward import (
     COARSE,
@@ -30,7 +29,7 @@ from octoplan.model.forward import (
     next_refinement,
     updated_estimate,
 )
-from octoplan.model.loads import check_loads
+from octoplan.model.loads import check_loads, with_loads_of
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.checks import finite, kind

@@ -1,9 +1,9 @@
-"""The tendons of an arm at rest: lengths, compliance, and which tensions count as a pull."""
+"""The tendons of an arm: lengths at rest, strokes, compliance, and which tensions are a pull."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST, SMALLEST
 from octoplan.model.support.errors import InputError
 from octoplan.model.unloaded.marched import Lengths, tendon_lengths
+
+if TYPE_CHECKING:
+    from octoplan.model.shape import Shape
 
 # Smallest compliance of tendons with given lengths, over that of the arm. Regularises combinations
 # of lengths that no strain changes.
@@ -38,6 +41,23 @@ def rest_lengths(arm: Arm) -> Array:
     kappa_0. Strokes are measured from rest lengths.
     """
     return _at_rest(arm).lengths
+
+
+def strokes(shape: Shape, zero: Any = None) -> Array:
+    """Return the strokes of the winches (n_tendons,) [m]: lengths at zero minus lengths.
+
+    `zero` are the lengths (n_tendons,) at which winches are zeroed [m]; those of the straight arm
+    at rest unless given. The stroke of a slack tendon is its maximum without tension.
+    """
+    left = shape.tendon_lengths
+    if shape.winches is not None:
+        left = np.where(shape.winches.held, shape.winches.lengths, left)
+    return taken_in(shape.arm, left, zero)
+
+
+def taken_in(arm: Arm, lengths: Array, zero: Any = None) -> Array:
+    """Return the strokes for tendon lengths (..., n_tendons) [m]; see strokes."""
+    return np.asarray((rest_lengths(arm) if zero is None else np.array(zero)) - lengths)
 
 
 def is_taut(arm: Arm, tensions: Array) -> Mask:

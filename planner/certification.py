@@ -25,10 +25,10 @@ from octoplan.model.rod.discrete_rod import system
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
+from octoplan.model.tendons import strokes
 from octoplan.planner.certificate import MOST_LOADS, Certificate, Optimality
 from octoplan.planner.entry_points import CERTIFICATE_CHECKS, load
 from octoplan.planner.limits import Limits
-from octoplan.planner.measure import strokes
 from octoplan.planner.planning_problem import PlanningProblem
 
 

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from octoplan.model.shape import Shape
 from octoplan.model.support.progress import OUT_OF_TIME
+from octoplan.model.tendons import is_taut
 from octoplan.planner.certificate import Certificate
-from octoplan.planner.measure import remark_on_slack
 from octoplan.planner.nlp_solution import STABILITY_TOLERANCE
 from octoplan.planner.problem import RESOLVED, tension_scales
 from octoplan.planner.targets.base import OVER_WANTED
+from octoplan.planner.targets.target_set import TargetSet
 
 # Functions of this file take a Plan; its class imports this file.
 
@@ -46,7 +48,7 @@ def remarks(plan: Any) -> str:
     for target in problem.targets:
         remark = target.remark(plan.shape, problem.limits, missed, problem.accuracy)
         text += f" {remark}" if remark else ""
-    return text + remark_on_slack(problem.target_set, plan.shape)
+    return text + _remark_on_slack(problem.target_set, plan.shape)
 
 
 def holding(plan: Any) -> list[str]:
@@ -194,3 +196,28 @@ def _reason(plan: Any) -> str:
     )
     no_limit = "no limit is active; move the target, or ask for more starts"
     return next((text for is_so, text in reasons if is_so), no_limit)
+
+
+def _remark_on_slack(targets: TargetSet, shape: Shape) -> str:
+    """Return a sentence about the tip's stiffness with slack tendons released, after a space.
+
+    Empty without targets of stiffness at held lengths, and if no tendon is slack.
+    """
+    arm = targets.arm
+    slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(~is_taut(arm, shape.tensions))]
+    if not slack or all(request.hold == "tension" for request in targets.requests):
+        return ""
+    asking = [target for target in targets.each if target.compliance_request()]
+    both = [targets.compliances(shape, release) for release in (False, True)]
+    sentences = []
+    for target, request, *compliances in zip(asking, targets.requests, *both, strict=True):
+        if request.hold == "length":
+            locked, released = (1 / np.linalg.eigvalsh(C).max() for C in compliances)
+            sentences.append(
+                f"{locked:.4g} {target.stiffness_unit} locked, {released:.4g} released"
+            )
+    return (
+        " With lengths held all tendons are counted as locked, also those without tension, "
+        f"{', '.join(slack)}: the tip's stiffness is {'; '.join(sentences)}, as stiffness() has it "
+        "by default."
+    )

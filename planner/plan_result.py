@@ -19,10 +19,10 @@ from octoplan.model.support.errors import OctoplanError, UncertifiedError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.text import TextRepr, plotted
+from octoplan.model.tendons import strokes
 from octoplan.planner.certificate import Certificate, Optimality
 from octoplan.planner.certification import certify
 from octoplan.planner.entry_points import MIRROR_IMAGES, PLAN, SAVE_PLAN, load
-from octoplan.planner.measure import strokes
 from octoplan.planner.nlp_options import Mode, effort
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.outcome import holding, outcome, remarks

@@ -1,4 +1,4 @@
-"""Planning problems: an arm, a scene, targets and limits as one value, and checks of the arguments.
+"""Planning problems: arm, scene, targets, limits and environment as one value, and their checks.
 
 Functions of this file raise InputError for arguments that are not allowed.
 """
@@ -7,28 +7,71 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import Extension
+from octoplan.model.effects.sections import Extension
 from octoplan.model.forward import FINEST_ACCURACY
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
-from octoplan.planner.environment import NOTHING, Environment
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.target_set import TargetSet
 
+if TYPE_CHECKING:
+    from octoplan.model.extensions.obstacles import Moving, Obstacle
+
 # Default for the largest number of initial guesses.
 MAX_GUESSES = 14
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The bodies that an arm keeps clear of.
+
+    Attributes
+    ----------
+    obstacles : tuple of Obstacle
+    clearance : float
+        Smallest allowed distance between the arm's surface and the bodies [m].
+    of_itself : bool
+        Whether the arm keeps the same distance from itself and from the far side of its base plane.
+    moving : tuple of Moving
+        Moving obstacles, of motions.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    clearance: float = 0.0
+    of_itself: bool = False
+    moving: tuple[Moving, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.obstacles) or self.of_itself or bool(self.moving)
+
+    def at(self, t: float) -> Environment:
+        """Return the environment at a time [s], with every obstacle at rest."""
+        placed = tuple(obstacle.at(t) for obstacle in self.moving)
+        return replace(self, obstacles=self.obstacles + placed, moving=())
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The obstacles at rest and the clearance as keywords of `plan`."""
+        return {
+            "obstacles": self.obstacles,
+            "clearance": self.clearance if self.obstacles or self.of_itself else 0.0,
+            "self_clearance": self.of_itself,
+        }
+
+
+NOTHING = Environment()
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,10 @@ from octoplan.planner.blocks import (
     equilibrium_parameters,
     equilibrium_scales,
 )
-from octoplan.planner.least_mode import LeastMode
 from octoplan.planner.limits import NATURAL_RANGE, Limits, effort_unit, natural_tensions
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program import Program, Structure, program_of
-from octoplan.planner.responses import Responses
 from octoplan.planner.targets.target_rows import TargetRows
 
 # Lower and upper bounds of unknowns, then of rows.
@@ -150,9 +148,14 @@ class Problem:
         blocks: list[Block] = []
         if limits.total is not None:
             blocks.append(TotalPull(limits.total))
-        for request, D in zip(self.target_set.requests, self.target_set.directions, strict=True):
-            blocks.append(Responses(layout, request, D, arm.bending_force))
+        if self.target_set.requests:
+            from octoplan.planner.responses import Responses
+
+            requests = zip(self.target_set.requests, self.target_set.directions, strict=True)
+            blocks += [Responses(layout, each, D, arm.bending_force) for each, D in requests]
         if self.options.modes:
+            from octoplan.planner.least_mode import LeastMode
+
             blocks.append(LeastMode(layout, self.options.stability_bound))
         if limits.strokes is not None:
             zero = np.array(limits.stroke_zero or rest_lengths(arm))

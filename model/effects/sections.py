@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from octoplan.model.effects.base import Effect, EffectSet, Rules
-from octoplan.model.rod.load_terms import CouplingTerm
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.quantities import Positive
 from octoplan.model.support.value import value
@@ -83,4 +82,6 @@ class Shear(Effect):
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
         """Return a term that couples the cross-sections; shear itself is part of their law."""
+        from octoplan.model.rod.load_terms import CouplingTerm
+
         return CouplingTerm()

@@ -1,12 +1,16 @@
-"""Continuation of equilibria along straight lines of tensions and load factor.
+"""Continuation of equilibria along straight lines of tensions and load factor, or of the loads.
 
 A step predicts the states along the tangent and corrects them by Newton's method. Many branches are
 continued side by side, because they share the calls of the kernels.
+
+If the loads change, such as for a payload that a bent arm picks up, the parameters of the equations
+change along a straight line from the old loads to the new loads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,13 +18,16 @@ import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import (
+    CHORD_RADIUS,
     MAX_BRANCH_ROTATION,
     MAX_STEP_ROTATION,
     Start,
     newton,
 )
 from octoplan.model.equilibrium.stability import are_stable, is_stable
+from octoplan.model.loads import with_loads_of
 from octoplan.model.paths import Array
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
 from octoplan.model.support.progress import check_time, report
 
@@ -29,6 +36,8 @@ from octoplan.model.support.progress import check_time, report
 LEAST_STEP = 1 / 8192
 # The same if the place at which a branch ends is not needed.
 ROUGH_STEP = 1 / 32
+# Smallest step of the loads, as a fraction of the whole change.
+_LEAST_LOAD_STEP = 1 / 1024
 # Largest factor of the tolerance of Newton's method for intermediate equilibria.
 MAX_TOLERANCE_FACTOR = 1e6
 # Number of rounds after which tensions are checked for a tendon without length: any load moves such
@@ -212,3 +221,48 @@ class _Branch:
         self.end = BranchEnd(point, self.fraction)
         self.step *= 2
         return True
+
+
+def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equilibrium | None:
+    """Return the equilibrium under the loads of a system, on the branch of an equilibrium.
+
+    Parameters
+    ----------
+    system : DiscreteRod
+        The equations with the new loads.
+    begin : Equilibrium
+        The equilibrium under the old loads; tensions are constant.
+    strains : (N stages, strains)
+        The strains of `begin` at the stages of the system.
+
+    Returns
+    -------
+    Equilibrium or None
+        None if the branch ends because the arm snaps, folds or buckles, or if the scenes differ in
+        more than the loads.
+    """
+    scene = with_loads_of(system.scene, begin.system.scene)
+    if scene is None:
+        return None
+    before = system.on_mesh(system.mesh, scene)
+    if before.layout is not system.layout:
+        return None
+    states = before.initial_states(begin.tensions, strains, 1.0)
+    (point,) = newton(before, [Start(begin.tensions, 1.0, states, history="near")], CHORD_RADIUS)
+    change = system.p - before.p
+    fraction = 0.0
+    step = 1.0
+    while point is not None and fraction < 1 and step >= _LEAST_LOAD_STEP:
+        check_time()
+        step = min(step, 1 - fraction)
+        after = copy(system)
+        after.p = before.p + (fraction + step) * change
+        guess = point.states - point.solve(after.residual(point.x))
+        (there,) = newton(after, [Start(begin.tensions, 1.0, guess, history="near")])
+        if there is None or not is_stable(there):
+            step /= 2
+            continue
+        point = there
+        fraction += step
+        step *= 2
+    return point if fraction == 1 else None

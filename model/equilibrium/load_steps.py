@@ -25,10 +25,10 @@ from octoplan.model.equilibrium.continuation import (
     SNAPS,
     BranchEnd,
     CrushedCheck,
+    change_loads,
     continue_branches,
 )
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History, linearised
-from octoplan.model.equilibrium.load_changes import change_loads
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, Start, newton, step_sizes
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.compliance import length_error
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
@@ -19,6 +20,7 @@ from octoplan.model.stiffness import Stiffness
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.text import Part, columns, parts_of, shape_text, shown_by, tendon_table
+from octoplan.model.tendons import strokes
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.designed import Design
@@ -26,7 +28,6 @@ from octoplan.planner.extensions.trajectory.certificate import MotionCertificate
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.many import FailedPlan
-from octoplan.planner.measure import length_error, strokes
 from octoplan.planner.plan_result import Plan
 
 # Text and tables

@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.centreline import Centreline
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, matrix, multiply
 from octoplan.model.shape import Shape
-from octoplan.model.stiffness import Hold
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.units import DISTANCE, warn_unusual
 from octoplan.planner.limits import Limits
+
+if TYPE_CHECKING:
+    from octoplan.model.centreline import Centreline
+    from octoplan.model.stiffness import Hold
 
 # End of the name of an inequality that is relative to the wanted value.
 OVER_WANTED = " over that wanted, less 1"

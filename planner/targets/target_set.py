@@ -13,7 +13,6 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.targets.base import ComplianceRequest, Target, Terms, View
@@ -116,6 +115,8 @@ def tip_compliance(
     With constant lengths all tendons are locked, as in the program; or those without tension are
     released, as `stiffness` does by default.
     """
+    from octoplan.model.stiffness import stiffness
+
     k = stiffness(
         shape.arm,
         shape.tensions,

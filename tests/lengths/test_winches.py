@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
+from octoplan.model.compliance import length_error
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.support.errors import FileError
 from octoplan.model.tendons import rest_lengths
@@ -17,7 +18,6 @@ from octoplan.planner.extensions.trajectory.question import Rates
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.limits import Limits
-from octoplan.planner.measure import length_error
 from octoplan.planner.targets import TipPosition
 from tests.warned import detailed
 

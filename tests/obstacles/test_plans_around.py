@@ -16,14 +16,13 @@ from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacl
 from octoplan.model.rotations import matrices
 from octoplan.model.shape import Shape
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.around import line_of
 from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.outcome import verdict
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import Environment, PlanningProblem
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.core.planner.cases import changed
 from tests.oracles import Array

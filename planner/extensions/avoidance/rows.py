@@ -31,8 +31,8 @@ from octoplan.model.rotations import matrices, matrix
 from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows
-from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.surroundings import spare
+from octoplan.planner.planning_problem import Environment
 
 # Kind of the rows of a program.
 CLEAR = "clear"

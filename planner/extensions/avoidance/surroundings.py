@@ -16,7 +16,7 @@ from octoplan.model.extensions.obstacles.base import distances_from
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import not_negative
 from octoplan.model.support.errors import InputError
-from octoplan.planner.environment import Environment
+from octoplan.planner.planning_problem import Environment
 from octoplan.planner.targets.base import Target
 
 # Additional distance of plans, over L and over the clearance: the resolution of verified bounds.

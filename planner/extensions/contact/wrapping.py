@@ -14,12 +14,11 @@ from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
-from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.remarks import LOOKS, turned
 from octoplan.planner.extensions.contact.wrap import Wrap
 from octoplan.planner.plan_result import Plan
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import Environment, PlanningProblem
 from octoplan.planner.targets.base import Target
 
 # Number of plans for the length of a part, and the share by which a part exceeds its estimate.

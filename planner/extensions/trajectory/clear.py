@@ -20,14 +20,14 @@ from octoplan.model.extensions.obstacles import convex_parameters
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import ConvergenceError, InputError
-from octoplan.planner.environment import Environment
+from octoplan.model.tendons import taken_in
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, Place, avoiding
 from octoplan.planner.extensions.avoidance.surroundings import in_the_way
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.time_law import INSTANTS, Stretch, Timed
 from octoplan.planner.extensions.trajectory.waypoints import Waypoints
-from octoplan.planner.measure import taken_in
+from octoplan.planner.planning_problem import Environment
 from octoplan.planner.solve.refine import CORRECTIONS
 
 # Smallest distance of an inserted waypoint from a neighbour, over the distance of the neighbours.

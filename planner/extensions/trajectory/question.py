@@ -23,7 +23,6 @@ from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.units import STROKE, warn_unusual
 from octoplan.planner.block import Block, Constraints
 from octoplan.planner.entry_points import LOAD_WAYPOINTS, load
-from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import grid
 from octoplan.planner.extensions.contact.load_path import settled_along
@@ -31,7 +30,7 @@ from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.limits import Limits, each_tendon
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
-from octoplan.planner.planning_problem import check_targets
+from octoplan.planner.planning_problem import Environment, check_targets
 from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
 

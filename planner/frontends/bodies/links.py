@@ -16,10 +16,10 @@ from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.stations import volume
 from octoplan.model.support.checks import kind, within
+from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of
 from octoplan.planner.frontends.bodies.xml import child_of, remark, to_text
 from octoplan.planner.frontends.io.records import POINTS
-from octoplan.planner.measure import strokes
 
 MOST_LINKS = 1000
 # Accuracy of the shape at rest, over the arm length.

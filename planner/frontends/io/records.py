@@ -13,13 +13,14 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from octoplan.model.compliance import length_error
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
+from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.io.codec import hints_of
 from octoplan.planner.frontends.io.files import versions
 from octoplan.planner.frontends.io.tables import attribute_descriptions, sentence
-from octoplan.planner.measure import length_error, strokes
 
 
 def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:

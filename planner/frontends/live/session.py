@@ -16,10 +16,10 @@ from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time
+from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.live.follower import ACCURACY, Follower
 from octoplan.planner.frontends.live.handles import Goal, Handle, goal_of
 from octoplan.planner.limits import checked_limits
-from octoplan.planner.measure import strokes
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
