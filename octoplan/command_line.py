@@ -22,6 +22,8 @@ COMMANDS = {
     "settle": "Find the shape for the tensions or lengths of the scene.",
     "stiffness": "Find the compliance of the shape of the scene.",
     "live": "Open a web page on which the target is dragged and the arm follows.",
+    "accuracy": "Measure error over time of settling and planning the scene; recommend an "
+    "accuracy.",
     "effects": "Compare shape and run time of the scene with and without each effect.",
     "sweep": "Compute shapes, plans or stiffness at many values of a scene; resume if interrupted.",
     "calibrate": "Fit parameters of an arm to measured shapes.",

@@ -12,6 +12,7 @@ from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
+from octoplan.planner.frontends.accuracy_study import AccuracyPoint, AccuracyStudy, accuracy_study
 from octoplan.planner.frontends.bodies.files import export_shape, save_mesh
 from octoplan.planner.frontends.bodies.forces import ExportWarning
 from octoplan.planner.frontends.bodies.links import ros_messages, urdf
@@ -31,6 +32,8 @@ from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Solution, Trial
 
 __all__ = [
+    "AccuracyPoint",
+    "AccuracyStudy",
     "Calibration",
     "Certificate",
     "Design",
@@ -49,6 +52,7 @@ __all__ = [
     "Trajectory",
     "Trial",
     "Unknown",
+    "accuracy_study",
     "calibrate",
     "design",
     "export",

@@ -26,6 +26,7 @@ from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.designed import Design
 from octoplan.planner.extensions.trajectory.certificate import MotionCertificate
 from octoplan.planner.extensions.trajectory.result import Trajectory
+from octoplan.planner.frontends.accuracy_study import AccuracyPoint, AccuracyStudy, duration
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.many import FailedPlan
 from octoplan.planner.plan_result import Plan
@@ -144,6 +145,29 @@ def _design(result: Design) -> Iterator[Part]:
     yield [["task", "effort [N]", "given arm [N]"], *efforts]
 
 
+def _accuracy(study: AccuracyStudy) -> Iterator[Part]:
+    """Yield the recommendation, then times and errors of each accuracy."""
+    yield study.recommendation
+    curves = {"settle": study.settling, "plan": study.planning}
+    curves = {name: curve for name, curve in curves.items() if curve}
+    rows = [["accuracy", *(f"{name} {what}" for name in curves for what in ("time", "error"))]]
+    for points in zip(*curves.values(), strict=True):
+        cells = [cell for point in points for cell in _accuracy_cells(point)]
+        rows.append([f"{points[0].accuracy:.0e}", *cells])
+    yield rows
+    yield (
+        "Errors of settle: distance of the tip from the reference over the length. Errors of plan: "
+        f"largest residual of the targets. Reference: {study.reference_scheme}, to "
+        f"{study.reference:.0e}."
+    )
+    yield from study.problems
+
+
+def _accuracy_cells(point: AccuracyPoint) -> list[str]:
+    """Return time and error of an accuracy."""
+    return ["-", "failed"] if point.problem else [duration(point.seconds), f"{point.error:.1e}"]
+
+
 def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
     """Return a table of the effects: tip change and cost, one line each, and notes."""
     head = ["effect", "in scene", "tip change [L]", "states", "unknowns", "instructions", "time"]
@@ -194,5 +218,6 @@ shown_by(MotionCertificate, None, _certificate)
 shown_by(Trajectory, lambda motion, *_: figure("motion", "plot_trajectory")(motion), _trajectory)
 shown_by(Calibration, None, _calibration)
 shown_by(Design, None, _design)
+shown_by(AccuracyStudy, figure("results", "plot_accuracy"), _accuracy)
 shown_by(Plan, figure("plan", "plot_plan"), _plan)
 shown_by(FailedPlan, None, _plan)

@@ -24,6 +24,7 @@ from octoplan.planner.frontends.io.fit_files import (
     run_design,
 )
 from octoplan.planner.frontends.io.records import (
+    AccuracyRecord,
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
@@ -175,6 +176,7 @@ RECORDS: dict[str, type[msgspec.Struct]] = {
     "plan": PlanRecord,
     "settle": ShapeRecord,
     "stiffness": StiffnessRecord,
+    "accuracy": AccuracyRecord,
     "effects": EffectsRecord,
     "sweep": SweepRecord,
     "calibrate": CalibrationRecord,

@@ -14,6 +14,7 @@ from octoplan.model import OctoplanError
 from octoplan.model.settle import ACCURACY
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.text import plotted, to_text
+from octoplan.planner.frontends.accuracy_study import accuracy_study
 from octoplan.planner.frontends.bodies.files import What, export_shape
 from octoplan.planner.frontends.c_code.export import TAKEN, export_plan
 from octoplan.planner.frontends.c_code.export import export as export_map
@@ -37,6 +38,7 @@ from octoplan.planner.frontends.io.calls import (
 )
 from octoplan.planner.frontends.io.csv_files import motion_csv, plan_csv, shape_csv
 from octoplan.planner.frontends.io.records import (
+    AccuracyRecord,
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
@@ -97,6 +99,40 @@ def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Outpu
     """Find the compliance of the shape of the scene; see the [stiffness] table."""
     k = run_stiffness(options.question(scene))
     return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
+
+
+def accuracy(
+    scene: ScenePath,
+    /,
+    *,
+    compile: bool = False,  # noqa: A002  (the name of the option)
+    options: FileOptions = _DEFAULT,
+) -> Output:
+    """Measure error over time of settling and planning the scene; recommend an accuracy.
+
+    Plans are for the target of the scene. Without a target they are for the tip position under the
+    tensions of the scene.
+
+    Parameters
+    ----------
+    compile
+        Compile the equations, see octoplan plan.
+    """
+    question = options.loaded(scene, compiled=compile)
+    check_complete(question, "tensions")
+    if question.targets:
+        check_complete(question, "limits")
+    own = ("accuracy", "time_limit")
+    study = accuracy_study(
+        question.arm,
+        question.scene,
+        question.tensions,
+        question.targets or None,
+        **{key: value for key, value in question.of(make_plan).items() if key not in own},
+    )
+    is_found = study.recommended is not None
+    result = record(AccuracyRecord, study)
+    return Output(lambda: to_text(study), result, "accuracy", study.plot, reached=is_found)
 
 
 def effects(

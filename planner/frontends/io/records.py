@@ -17,6 +17,7 @@ from octoplan.model.compliance import length_error
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.tendons import strokes
+from octoplan.planner.frontends.accuracy_study import AccuracyPoint
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.io.codec import hints_of
 from octoplan.planner.frontends.io.files import versions
@@ -197,6 +198,26 @@ class TrajectoryRecord(Record, kw_only=True):
             lambda motion: motion.certificate.numbers,
         ),
     ]
+
+
+AccuracyPointRecord: Any = derived(AccuracyPoint)
+
+
+def _points(name: str) -> Meta:
+    """Return the metadata of a curve of an accuracy study."""
+    return about(of=lambda study: records(AccuracyPointRecord, getattr(study, name)))
+
+
+class AccuracyRecord(Record, kw_only=True):
+    """Verified errors and times of settling and planning, and the recommended accuracy."""
+
+    schema: Annotated[Literal["octoplan accuracy 1"], Schema]
+    recommended: Annotated[float | None, about("the accuracy to use; null if none succeeded")]
+    recommendation: Annotated[str, about("in one sentence")]
+    settling: Annotated[list[AccuracyPointRecord], _points("settling")]
+    planning: Annotated[list[AccuracyPointRecord], _points("planning")]
+    reference: Annotated[float, about("smaller errors are not resolved")]
+    reference_scheme: Annotated[str, about("method of the reference")]
 
 
 EffectRecord: Any = derived(Switch)

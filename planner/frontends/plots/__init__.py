@@ -7,10 +7,16 @@ from octoplan.planner.frontends.plots.motion import (
     save_motion,
 )
 from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains
-from octoplan.planner.frontends.plots.results import plot_effects, plot_ellipsoids, plot_residuals
+from octoplan.planner.frontends.plots.results import (
+    plot_accuracy,
+    plot_effects,
+    plot_ellipsoids,
+    plot_residuals,
+)
 
 __all__ = [
     "animate_trajectory",
+    "plot_accuracy",
     "plot_effects",
     "plot_ellipsoids",
     "plot_motion",

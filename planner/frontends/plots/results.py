@@ -12,6 +12,8 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import Stiffness
+from octoplan.model.support.checks import kind
+from octoplan.planner.frontends.accuracy_study import AccuracyStudy
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.plots.arm import draw_arm, set_best_view, set_limits
 from octoplan.planner.frontends.plots.style import INK, MM, SIZE, make_axes, set_labels, several
@@ -23,6 +25,9 @@ _LINE = "#7a0c2b"
 _MATTERS = "#b3123f"
 _IDLE = "#9aa0a6"
 _COST = "#1f6fb4"
+# Distance in decades below which two points of a curve share a label: time, error.
+_NEAR_TIME = 0.2
+_NEAR_ERROR = 0.35
 
 
 def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
@@ -177,3 +182,72 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
         ax.set_xscale("log")
         set_labels(ax, label, grid=True)
     return figure
+
+
+def plot_accuracy(study: AccuracyStudy, ax: Axes | None = None) -> Figure | Axes:
+    """Draw verified errors over processor times of settling and planning.
+
+    Labels are requested accuracies, rings the recommended one. Returns a new Figure, or the given
+    axes.
+    """
+    kind("study", study, AccuracyStudy)
+    shown, ax = make_axes(ax, (7.2, 4.4))
+    curves = (("settle", study.settling, _COST), ("plan, with certificate", study.planning, _SKIN))
+    for name, curve, colour in curves:
+        done = [point for point in curve if not point.problem]
+        if not done:
+            continue
+        times = [MM * point.seconds for point in done]
+        errors = [max(point.error, study.reference) for point in done]
+        ax.plot(times, errors, "o-", color=colour, ms=5, lw=1.2, label=name)
+        for point, x, y in zip(done, times, errors, strict=True):
+            if point.accuracy == study.recommended:
+                ax.plot([x], [y], "o", ms=12, mfc="none", mec=colour, mew=1.6)
+        for text, x, y in _labels([point.accuracy for point in done], times, errors):
+            ax.annotate(
+                text, (x, y), (10, 3), textcoords="offset points", fontsize=SIZE - 2, color=colour
+            )
+    ax.axhline(study.reference, color=INK, lw=0.8, ls="--", zorder=0)
+    ax.annotate(
+        "smaller errors are not resolved",
+        (0.0, study.reference),
+        (2, 3),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        fontsize=SIZE - 2,
+        color=INK,
+    )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.margins(x=0.14)
+    set_labels(ax, "processor time [ms]", "verified error [L, rad]", grid=True)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(fontsize=SIZE, frameon=False, loc="best")
+    if study.recommended is not None:
+        ax.set_title(
+            f"labels: requested accuracy; ring: recommended, {study.recommended:.0e}",
+            fontsize=SIZE,
+        )
+    return shown  # type: ignore[no-any-return]
+
+
+def _labels(
+    accuracies: list[float], times: list[float], errors: list[float]
+) -> list[tuple[str, float, float]]:
+    """Return labels (text, time, error) of accuracies; points that nearly coincide share one."""
+    groups: list[list[int]] = []
+    for i in range(len(accuracies)):
+        last = groups[-1][0] if groups else i
+        decades = abs(np.log10(times[i] / times[last])), abs(np.log10(errors[i] / errors[last]))
+        if groups and decades[0] < _NEAR_TIME and decades[1] < _NEAR_ERROR:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    labels = []
+    for group in groups:
+        ends = dict.fromkeys(f"{accuracies[i]:.0e}".replace("e-0", "e-") for i in group)
+        names = list(ends)
+        text = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+        right = max(group, key=lambda i: times[i])
+        labels.append((text, times[right], errors[right]))
+    return labels
