@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,12 +20,17 @@ from octoplan.model.effects import (
 )
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.forward import forward_map
+from octoplan.model.forward import checked_accuracy, forward_map
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, settle
+from octoplan.model.support.checks import within
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import track
+from octoplan.planner.frontends.accuracy_study import processor_time
 
+# Tip change over the arm's length from which an effect matters, unless another is given: markers
+# of cameras and moulded arms are accurate to about 1 %.
+TOLERANCE = 0.01
 # Effects with default parameters, by name.
 _KNOWN: dict[str, Effect] = {
     type(effect).__name__: effect
@@ -88,7 +91,7 @@ class Switch:
     time_factor : float
         Processor time of settle with the effect over the time without.
     matters : bool
-        Whether the tip change is above the accuracy, or one of the scenes does not settle.
+        Whether the tip change is above the tolerance, or one of the scenes does not settle.
     problem : str
         Error of the scene that does not settle; empty if both settle.
     """
@@ -114,7 +117,12 @@ class Switch:
 
 
 def switch_effects(
-    arm: Arm, tensions: Any, scene: Scene, accuracy: float = ACCURACY, repeats: int = 5
+    arm: Arm,
+    tensions: Any,
+    scene: Scene,
+    accuracy: float = ACCURACY,
+    repeats: int = 5,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Switch, ...]:
     """Settle a scene with each of its effects switched off in turn, and others switched on.
 
@@ -127,6 +135,8 @@ def switch_effects(
         See settle.
     repeats : int
         Number of timed runs.
+    tolerance : float
+        Tip change over the arm's length from which an effect matters, from 2 accuracies to 1.
 
     Returns
     -------
@@ -136,10 +146,12 @@ def switch_effects(
     Raises
     ------
     InputError
-        As settle, and for `repeats` below 1; the scene must settle.
+        As settle, for `repeats` below 1, and for a tolerance that the accuracy does not resolve;
+        the scene must settle.
     """
     if type(repeats) is not int or repeats < 1:
         raise InputError("repeats", repeats, "a whole number from 1")
+    check_tolerance(tolerance, checked_accuracy(accuracy))
     settle(arm, tensions, scene, accuracy)
     others = [(_without(scene, effect), effect) for effect in scene.effects]
     addable = {} if scene.has(PrintedStatics) else _KNOWN
@@ -149,9 +161,17 @@ def switch_effects(
             missing = [each for each in added if not scene.has(type(each))]
             others.append((Scene(*scene.effects, *missing), effect))
     return tuple(
-        switch_effect(arm, tensions, scene, other, effect, accuracy, repeats)
+        switch_effect(arm, tensions, scene, other, effect, accuracy, repeats, tolerance)
         for other, effect in track("effects switched", others)
     )
+
+
+def check_tolerance(tolerance: float, accuracy: float) -> None:
+    """Raise InputError for a tolerance that shapes of an accuracy do not resolve."""
+    within("tolerance", tolerance, 0.0, 1.0)
+    if tolerance < 2 * accuracy:
+        allowed = f"at least 2 accuracies, {2 * accuracy:g}; lower the accuracy"
+        raise InputError("tolerance", tolerance, allowed)
 
 
 def _needs(effect: Effect) -> set[str]:
@@ -174,6 +194,7 @@ def switch_effect(
     effect: Effect,
     accuracy: float = ACCURACY,
     repeats: int = 5,
+    tolerance: float = TOLERANCE,
 ) -> Switch:
     """Settle a scene, and another one that differs by an effect.
 
@@ -189,7 +210,7 @@ def switch_effect(
     calls = [partial(settle, arm, tensions, each, accuracy) for each in (with_it, without)]
     try:
         tips = [call().tip for call in calls]
-        times = [[_seconds(call) for call in calls] for _ in range(repeats)]
+        times = [[processor_time(call) for call in calls] for _ in range(repeats)]
         change = float(np.linalg.norm(tips[0] - tips[1])) / arm.length
         factor = float(np.median([pair[0] / pair[1] for pair in times]))
     except OctoplanError as reason:
@@ -201,13 +222,6 @@ def switch_effect(
         problem_size(arm, with_it),
         problem_size(arm, without),
         factor,
-        not change <= accuracy,
+        not change <= tolerance,
         problem,
     )
-
-
-def _seconds(call: Callable[[], object]) -> float:
-    """Return the processor time of a call; timeit would be the reported source of warnings."""
-    begin = time.process_time()
-    call()
-    return time.process_time() - begin

@@ -168,26 +168,40 @@ def _accuracy_cells(point: AccuracyPoint) -> list[str]:
     return ["-", "failed"] if point.problem else [duration(point.seconds), f"{point.error:.1e}"]
 
 
-def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
-    """Return a table of the effects: tip change and cost, one line each, and notes."""
-    head = ["effect", "in scene", "tip change [L]", "states", "unknowns", "instructions", "time"]
-    rows = [[*head, f"matters at {accuracy:.0e}"]]
-    notes = ["States, unknowns, instructions and time: with the effect, relative to without."]
-    fewer = [switch.effect for switch in switches if switch.unknowns_added < 0]
-    if fewer:
-        names = ", ".join(fewer)
-        notes.append(f"Fewer unknowns with {names}: a coarser mesh is sufficient.")
+def switch_table(switches: tuple[Switch, ...], length: float, tolerance: float) -> str:
+    """Return a table of the effects: tip movement, run time and verdict, one line each, and notes.
+
+    `length` is the arm's [m].
+    """
+    head = ["effect", "in scene", "tip moves by [mm]", "share of L", "time factor", "verdict"]
+    rows = [head]
+    notes = [
+        f"Keep: the effect moves the tip by more than {100 * tolerance:g} % of the length, "
+        f"{1e3 * tolerance * length:.3g} mm (--tolerance {tolerance:g}), or is needed to settle.",
+        "Time factor: time of settle with the effect over the time without.",
+    ]
     for switch in switches:
-        more = switch.sizes.instructions / switch.sizes_without.instructions
-        change = f"{switch.tip_change:.1e}"
-        factor = f"x {switch.time_factor:.2g}"
+        moved = f"{1e3 * length * switch.tip_change:.3g}"
+        share = percent(switch.tip_change)
+        factor = f"{switch.time_factor:.2g}"
         if switch.problem:
-            change = factor = "-"
+            moved = share = factor = "-"
             notes.append(f"{switch.effect}: {switch.problem}")
-        counts = f"{switch.states_added:+}", f"{switch.unknowns_added:+}", f"x {more:.2g}"
-        ends = ["yes" if is_so else "no" for is_so in (switch.enabled, switch.matters)]
-        rows.append([switch.effect, ends[0], change, *counts, factor, ends[1]])
+        present = "yes" if switch.enabled else "no"
+        rows.append([switch.effect, present, moved, share, factor, verdict(switch)])
     return "\n".join([*columns(rows), "", *notes])
+
+
+def verdict(switch: Switch) -> str:
+    """Return the advice for an effect: keep or drop it, add it or leave it out."""
+    if switch.enabled:
+        return "keep" if switch.matters else "drop"
+    return "add" if switch.matters else "leave out"
+
+
+def percent(share: float) -> str:
+    """Return a fraction as text in percent; fractions below 0.001 % are one text."""
+    return f"{100 * share:.2g} %" if share == 0 or share >= 1e-5 else "< 0.001 %"
 
 
 # Figures: matplotlib is imported with the first

@@ -112,13 +112,14 @@ def test_the_tip_changes_by_what_two_settles_say(in_water: dict[str, Switch]) ->
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor: float) -> None:
+def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_tolerance(factor: float) -> None:
     small = TipLoad((0.0, 0.0, -1e-6))
     moved = tip_change(PAPER, Scene(Extension(), small), 1e-9)
     assert 1e-6 < moved < 1e-3
-    switch = switch_effect(ARM, BENT, PAPER, PAPER + small, small, factor * moved, repeats=1)
+    tolerance = factor * moved
+    switch = switch_effect(ARM, BENT, PAPER, PAPER + small, small, 1e-9, 1, tolerance)
     assert switch.matters is (factor < 1)
-    assert switch.tip_change == pytest.approx(moved, rel=0.2)
+    assert switch.tip_change == pytest.approx(moved, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -33,10 +33,16 @@ def test_a_table_has_a_line_for_each_effect(
     captured = capsys.readouterr()
     table, _ = captured.out.split("\n\n")
     head, *lines = table.splitlines()
-    assert head.split()[0] == "effect"
-    assert "matters at 1e-05" in head
+    assert re.split(r" {2,}", head) == [
+        "effect",
+        "in scene",
+        "tip moves by [mm]",
+        "share of L",
+        "time factor",
+        "verdict",
+    ]
     rows = [re.split(r" {2,}", line) for line in lines]
-    assert {len(row) for row in rows} == {len(re.split(r" {2,}", head))}
+    assert {len(row) for row in rows} == {6}
     names = [row[0] for row in rows]
     assert names == [
         "Buoyancy",
@@ -47,7 +53,13 @@ def test_a_table_has_a_line_for_each_effect(
         "Shear",
     ]
     assert [row[1] for row in rows] == ["yes"] * 3 + ["no"] * 3
-    assert {row[-1] for row in rows} <= {"yes", "no"}
+    assert {row[-1] for row in rows[:3]} <= {"keep", "drop"}
+    assert {row[-1] for row in rows[3:]} <= {"add", "leave out"}
+    length = 1e3 * Arm.from_paper("section-5.2").length
+    for row in rows:
+        share = float(row[3].removesuffix(" %")) / 100
+        assert float(row[2]) == pytest.approx(share * length, rel=0.06)
+        assert (row[-1] in ("keep", "add")) is (float(row[2]) > 0.01 * length)
     assert captured.err == ""
 
 
@@ -59,7 +71,7 @@ def test_an_arm_that_buckles_out_of_water_is_told_in_the_table_and_in_the_file(
     assert main(["effects", _scene(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().out
     assert "\nBuoyancy: the arm does not bear its loads" in shown
-    assert next(x for x in shown.splitlines() if x.startswith("Buoyancy ")).endswith("yes")
+    assert next(x for x in shown.splitlines() if x.startswith("Buoyancy ")).endswith("keep")
     assert (tmp_path / "out" / "effects.png").stat().st_size > 10_000
     rows = json.loads((tmp_path / "out" / "effects.json").read_text())["effects"]
     row = next(row for row in rows if row["effect"] == "Buoyancy")
@@ -89,3 +101,23 @@ def test_json_holds_the_numbers_in_full(tmp_path: Path, capsys: pytest.CaptureFi
         assert np.isfinite(row["time_factor"])
         for key in ("sizes", "sizes_without"):
             assert ProblemSize(**row[key]) == getattr(switch, key)
+
+
+def test_the_tolerance_decides_what_to_keep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = _scene(tmp_path, BENT + ARM + IN_WATER)
+    for tolerance, kept in (("1e-4", True), ("1", False)):
+        assert main(["effects", scene, "--tolerance", tolerance, "--json"]) == 0
+        shown = json.loads(capsys.readouterr().out)
+        assert shown["tolerance"] == float(tolerance)
+        row = next(row for row in shown["effects"] if row["effect"] == "Extension")
+        assert row["matters"] is kept
+
+
+def test_a_tolerance_below_the_accuracy_is_rejected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = _scene(tmp_path, BENT + ARM)
+    assert main(["effects", scene, "--tolerance", "1e-4", "--accuracy", "1e-3"]) == 2
+    assert "tolerance = 0.0001: must be at least 2 accuracies" in capsys.readouterr().err

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from octoplan.model import OctoplanError
 from octoplan.model.settle import ACCURACY
@@ -28,7 +29,7 @@ from octoplan.planner.frontends.cli import (
     SceneOptions,
     ScenePath,
 )
-from octoplan.planner.frontends.effect_ablation import switch_effects
+from octoplan.planner.frontends.effect_ablation import TOLERANCE, switch_effects
 from octoplan.planner.frontends.io.calls import (
     check_complete,
     run_plan,
@@ -56,6 +57,8 @@ from octoplan.planner.plan import plan as make_plan
 from octoplan.planner.plan_result import Plan
 
 _DEFAULT = SceneOptions()
+# Accuracy over the tolerance of `effects` with which shapes are settled.
+_RESOLVED = 0.01
 
 
 def plan(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
@@ -136,18 +139,32 @@ def accuracy(
 
 
 def effects(
-    scene: ScenePath, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
+    scene: ScenePath,
+    /,
+    *,
+    tolerance: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = TOLERANCE,
+    accuracy: Accuracy | None = None,
+    options: FileOptions = _DEFAULT,
 ) -> Output:
-    """Settle the scene with each effect switched on or off."""
+    """Settle the scene with each effect switched on or off; advise which effects to keep.
+
+    Parameters
+    ----------
+    tolerance
+        Tip movement over arm length from which an effect matters (0.01).
+    """
     question = options.loaded(scene, accuracy)
     check_complete(question, "tensions")
-    accuracy = question.accuracy
-    switches = switch_effects(question.arm, question.tensions, question.scene, accuracy)
+    fine = min(question.accuracy, _RESOLVED * tolerance) if accuracy is None else accuracy
+    switches = switch_effects(
+        question.arm, question.tensions, question.scene, fine, tolerance=tolerance
+    )
+    length = question.arm.length
     return Output(
-        lambda: switch_table(switches, accuracy),
-        record(EffectsRecord, switches, accuracy=accuracy),
+        lambda: switch_table(switches, length, tolerance),
+        record(EffectsRecord, switches, accuracy=fine, tolerance=tolerance, length_m=length),
         "effects",
-        lambda: figure("results", "plot_effects")(switches, accuracy),
+        lambda: figure("results", "plot_effects")(switches, length, tolerance),
     )
 
 

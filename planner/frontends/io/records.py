@@ -227,7 +227,9 @@ class EffectsRecord(Record, kw_only=True):
     """Tip change and run time of each effect: first those of the scene, then others."""
 
     schema: Annotated[Literal["octoplan effects 1"], Schema]
-    accuracy: Annotated[float, about("tip change over arm length above which an effect matters")]
+    accuracy: Annotated[float, about("tip error over arm length of the settled shapes")]
+    tolerance: Annotated[float, about("tip change over arm length above which an effect matters")]
+    length_m: Annotated[float, about("of the arm")]
     effects: Annotated[
         list[EffectRecord], about(of=lambda switches: records(EffectRecord, switches))
     ]

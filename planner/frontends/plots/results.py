@@ -146,20 +146,21 @@ def _surface(k: Stiffness, force: float) -> Array:
     return np.asarray(moved + k.shape.position(k.at)[:, None, None])
 
 
-def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
-    """Draw tip change over L against the accuracy, and the run time factor, for each effect.
+def plot_effects(switches: tuple[Switch, ...], length: float, tolerance: float) -> Figure:
+    """Draw tip movements against the tolerance, and run time factors, for each effect.
 
-    Effects of the scene come first, with filled dots; other effects have hollow dots. A dot is
-    missing if the arm does not settle with or without the effect.
+    `length` is the arm's [m]. Effects of the scene come first, with filled dots; other effects have
+    hollow dots. A dot is missing if the arm does not settle with or without the effect.
     """
-    figure = Figure(figsize=(7.2, 1.3 + 0.32 * len(switches)), layout="constrained")
+    figure = Figure(figsize=(7.6, 1.5 + 0.32 * len(switches)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     rows = np.arange(len(switches))[::-1]
     left.set_yticks(rows, [switch.effect for switch in switches], fontsize=SIZE - 1)
-    left.axvline(accuracy, color=INK, linewidth=0.8, linestyle="--", zorder=0)
+    limit = MM * length * tolerance
+    left.axvline(limit, color=INK, linewidth=0.8, linestyle="--", zorder=0)
     left.annotate(
-        "accuracy",
-        (accuracy, 1.0),
+        f"tolerance: {100 * tolerance:g} % of L",
+        (limit, 1.0),
         (2, 2),
         xycoords=("data", "axes fraction"),
         textcoords="offset points",
@@ -168,16 +169,22 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
     )
     for row, switch in zip(rows, switches, strict=True):
         colour = _MATTERS if switch.matters else _IDLE
-        # On a logarithmic scale, draw a change of 0 at the left.
-        values = (left, max(switch.tip_change, 1e-12), colour), (right, switch.time_factor, _COST)
-        for ax, x, shade in values:
+        # On a logarithmic scale, draw a movement of 0 at the left.
+        moved = MM * length * max(switch.tip_change, 1e-12)
+        for ax, x, shade in ((left, moved, colour), (right, switch.time_factor, _COST)):
             face = shade if switch.enabled else "white"
             ax.plot([x], [row], "o", color=shade, markerfacecolor=face, markersize=6)
     for face, label in ((INK, "in the scene"), ("white", "switched on")):
         left.plot([], [], "o", color=INK, markerfacecolor=face, markersize=5, label=label)
-    left.legend(loc="lower left", fontsize=SIZE - 2, frameon=False)
+    left.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.22),
+        ncol=2,
+        fontsize=SIZE - 2,
+        frameon=False,
+    )
     right.axvline(1.0, color=INK, linewidth=0.8, linestyle="--", zorder=0)
-    labels = ((left, "tip change [L]"), (right, "run time of settle, with over without"))
+    labels = ((left, "tip moves by [mm]"), (right, "time of settle, with over without"))
     for ax, label in labels:
         ax.set_xscale("log")
         set_labels(ax, label, grid=True)
