@@ -46,6 +46,11 @@ def has_complementarity(scene: Scene) -> bool:
     return any(effect.has_complementarity for effect in scene.effects)
 
 
+def is_path_dependent(scene: Scene) -> bool:
+    """Return whether equilibria depend on the motion that leads to them."""
+    return any(effect.is_path_dependent for effect in scene.effects)
+
+
 def is_conservative(scene: Scene) -> bool:
     """Return whether all loads of a scene have a potential."""
     return all(term.is_conservative for term in scene.rod_terms)
@@ -62,13 +67,18 @@ def convergence_order(scene: Scene, order: int, derivatives: bool = False) -> in
 
 
 def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
-    """Raise InputError for loads that this arm cannot have, and for loads that the arm lacks.
+    """Raise InputError for effects that the calling function does not support; see check_arm.
 
-    Raise InputError for effects that the calling function does not support; functions that support
-    contact with obstacles pass `contact`.
+    Functions that support contact with obstacles pass `contact`.
     """
     for effect in scene.effects:
         effect.check_supported(contact)
+    check_arm(arm, scene)
+
+
+def check_arm(arm: Arm, scene: Scene) -> None:
+    """Raise InputError for loads that this arm cannot have, and for loads that the arm lacks."""
+    for effect in scene.effects:
         effect.check_arm(arm)
     if any(arm.angle_paths) and not is_loaded(scene):
         allowed = "none in a scene without loads; add a load, such as Weight, Friction or Shear"

@@ -18,7 +18,7 @@ from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, H
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import check_responses, is_loaded
+from octoplan.model.loads import check_responses, has_complementarity, is_loaded
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array, Mask
 from octoplan.model.rod.collocation import gauss
@@ -176,7 +176,6 @@ class Shape(HtmlRepr):
         `error` ignores the length of the load steps.
         """
         from octoplan.model.extensions.clearance.nearest import from_itself
-        from octoplan.model.extensions.contact.points import step_remark
 
         folded = ""
         if self.folded is not None:
@@ -188,8 +187,9 @@ class Shape(HtmlRepr):
         gap = from_itself(self)
         if gap.gap < -_PENETRATION * self.arm.length:
             crosses = f"{gap}; SelfContact among the effects keeps its parts apart"
-        remarks = (sharp(self), stretched(self), crosses, folded, step_remark(self))
-        return tuple(remark for remark in remarks if remark)
+        remarks = [sharp(self), stretched(self), crosses, folded]
+        remarks += [effect.remark(self) for effect in self.scene.effects]
+        return tuple(dict.fromkeys(filter(None, remarks)))
 
     @property
     def tip(self) -> Array:
@@ -301,6 +301,8 @@ class Shape(HtmlRepr):
     @property
     def contacts(self) -> tuple[ContactPoint, ...]:
         """The contact points from base to tip: obstacle, s [m], force (3,) on the arm [N], ..."""
+        if not has_complementarity(self.scene):
+            return self.self_contacts
         from octoplan.model.extensions.contact.points import contact_points
 
         return contact_points(self)

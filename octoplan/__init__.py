@@ -36,7 +36,7 @@ _MODULES = (
     "octoplan.model.effects",
     "octoplan.model.extensions",
     "octoplan.planner",
-    "octoplan.planner.extensions.contact",
+    "octoplan.planner.extensions",
     "octoplan.planner.targets",
     "octoplan.planner.frontends.plots",
 )
@@ -130,7 +130,7 @@ def _public_modules() -> Iterator[ModuleType]:
     from importlib import import_module
 
     for name in _MODULES:
-        if name == "octoplan.model.extensions":
+        if name.endswith(".extensions"):
             yield from import_module(name).public_extensions()
         else:
             yield import_module(name)

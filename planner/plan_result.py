@@ -200,6 +200,11 @@ class Plan(TextRepr):
         blocks = avoidance.blocks(self.arm) if avoidance else ()
         return Problem(self.problem, self.problem.options, blocks)
 
+    def multiplier_counts(self) -> tuple[int, int]:
+        """Return the numbers of multipliers of bounds and rows that the solution must have."""
+        program = self.program().program
+        return program.n_decision, program.n_design_rows
+
     @cached_property
     def optimum(self) -> NlpSolution | None:
         """The solution as a point of the program, with the defect of the mesh.

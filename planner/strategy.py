@@ -56,6 +56,10 @@ class Strategy:
         """Return the problem with the structure of the problem of a plan nearby."""
         return problem
 
+    def plan_of(self, problem: PlanningProblem, solution: Solution) -> Plan:
+        """Return the plan of a known solution, such as that of a saved plan."""
+        return Plan.of(problem, solution)
+
     def plan(self, problem: PlanningProblem, near: Plan | None) -> Plan:
         """Return the plan of a problem whose targets also hold between stations.
 

@@ -48,6 +48,11 @@ class Effect:
     has_complementarity = False
 
     @property
+    def is_path_dependent(self) -> bool:
+        """Whether equilibria depend on the motion that leads to them."""
+        return False
+
+    @property
     def place(self) -> tuple[Any, ...]:
         """The place of the effect. A scene may contain effects of one kind at different places.
 
@@ -91,6 +96,10 @@ class Effect:
 
     def check_responses(self) -> None:
         """Raise InputError if the response of the arm to loads is undefined with this effect."""
+
+    def remark(self, shape: Shape) -> str:
+        """Return a reason not to trust a shape in scenes with the effect, otherwise ""."""
+        return ""
 
     def forward_map(
         self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool

@@ -17,7 +17,6 @@ from octoplan.model.cross_section.sections import LEAST_STRETCH
 from octoplan.model.effects import ExactTendons
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.extensions.contact.effects import Contact, SelfContact, without_self_contact
 from octoplan.model.forward import (
     ForwardMaps,
     checked_accuracy,
@@ -27,7 +26,7 @@ from octoplan.model.forward import (
     next_refinement,
     updated_estimate,
 )
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
@@ -238,8 +237,8 @@ def settle_many(
     poses = np.full((count, 7), np.nan)
     error = np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
-    maps = forward_maps(arm, without_self_contact(scene), options["compile"])
-    if lengths is None and not scene.has(Contact, SelfContact):
+    if lengths is None and not has_complementarity(scene):
+        maps = forward_maps(arm, scene, options["compile"])
         pulling = _rows(arm, tensions)
         allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
         each = maps, pulling[allowed], accuracy, time_limit

@@ -66,6 +66,11 @@ class Contact(Effect):
     friction: NotNegative = 0.0
 
     @property
+    def is_path_dependent(self) -> bool:
+        """See Effect: friction acts against the motion."""
+        return self.friction > 0
+
+    @property
     def place(self) -> tuple[Any, ...]:
         """The numbers of the obstacle."""
         return tuple(self.obstacle.parameters.tolist())
@@ -105,6 +110,12 @@ class Contact(Effect):
 
         return TouchingMap(arm, scene, refinement, at, machine_code)
 
+    def remark(self, shape: Shape) -> str:
+        """See Effect: friction depends on the load steps."""
+        from octoplan.model.extensions.contact.points import step_remark
+
+        return step_remark(shape)
+
 
 @value
 class SelfContact(Effect):
@@ -121,6 +132,8 @@ class SelfContact(Effect):
     dead loads, but not with Contact, Friction or PrintedStatics; plans, stiffness, motions and
     tendons held by length do not state it and refuse it.
     """
+
+    has_complementarity = True
 
     @classmethod
     def excludes(cls) -> Rules:

@@ -24,12 +24,11 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation, transfer_strains
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, STAGES, Start, newton
-from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.lengths.least_energy import ROUNDS, LeastEnergy
 from octoplan.model.extensions.lengths.shortest import SHORT, no_shape, refuse
 from octoplan.model.extensions.lengths.winches import ROUNDING, Winches, nonnegative_step, slackened
 from octoplan.model.forward import ForwardMap, ForwardMaps
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.support.errors import (
@@ -199,7 +198,7 @@ class GivenLengths:
         and the one under the given tensions with all winches slack.
         """
         winches = self.winches
-        touching = isinstance(forward, TouchingMap)
+        touching = has_complementarity(self.maps.scene)
         if isinstance(near, Equilibrium):
             T = np.where(winches.held, near.tensions, winches.tensions)
             if touching:

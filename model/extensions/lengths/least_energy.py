@@ -32,11 +32,10 @@ import numpy as np
 from octoplan.model.cross_section.energy import EnergySection, ExactSection
 from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.cross_section.sections import reported, strains_of
-from octoplan.model.extensions.contact.effects import bodies_of
-from octoplan.model.extensions.contact.term import ContactTerm, contact_places
 from octoplan.model.extensions.lengths.energy import held_rows, potential_energy
 from octoplan.model.extensions.lengths.winches import Winches
-from octoplan.model.loads import dead_resultant, is_conservative
+from octoplan.model.extensions.obstacles.base import convex_parameters
+from octoplan.model.loads import dead_resultant, has_complementarity, is_conservative
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -49,7 +48,9 @@ from octoplan.model.rod.load_terms import (
     WeightTerm,
 )
 from octoplan.model.rod.nodes import POSE
+from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import RodStructure
+from octoplan.model.scene import Scene
 from octoplan.model.stations import base_pose, stations, tendon_paths
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.tendons import least_compliance
@@ -69,7 +70,7 @@ _IPOPT: dict[str, Any] = {
     "fixed_variable_treatment": "make_parameter_nodual",
 }
 # Terms whose potential is part of the energy; the forces of others are treated as nonconservative.
-_REPRESENTED = (ContactTerm, CouplingTerm, DeadTipTerm, PointForceTerm, WeightTerm)
+_REPRESENTED = (CouplingTerm, DeadTipTerm, PointForceTerm, WeightTerm)
 # Largest number of updates of the nonconservative forces.
 ROUNDS = 12
 # Change of a frame's quaternion at which the updates end.
@@ -126,13 +127,14 @@ class LeastEnergy:
         levers = [each for each in scene.rod_terms if isinstance(each, PointForceTerm)]
         levers = [each for each in levers if each.offset]
         self._lever_nodes = tuple(node for each in levers for node in each.nodes(mesh))
-        represented = all(isinstance(each, _REPRESENTED) for each in scene.rod_terms)
+        self._bodies, contact_terms = _contacts(scene)
+        kinds = _REPRESENTED + contact_terms
+        represented = all(isinstance(each, kinds) for each in scene.rod_terms)
         self.conservative = law == structure.law and is_conservative(scene) and represented
         self.force_unit = F = arm.bending_force
         self._unit = np.ones(of.n_states)
         self._unit[of.nodes[:, 4:]] = L
         self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L
-        self._bodies = bodies_of(scene)
         at = stations(arm, system.s, np.repeat(mesh.active, m))
         self._stage, self._tendon = of.crossings
         self._h = np.diff(mesh.s)[None] / L
@@ -190,6 +192,8 @@ class LeastEnergy:
         """Return the states of the equilibrium equations (n_states,)."""
         known = None
         if point.forces.size:
+            from octoplan.model.extensions.contact.term import contact_places
+
             known = contact_places(self.system.layout).touches[1:, :, 0], point.forces
         return self.system.initial_states(point.tensions, self.strains(point), load, known)
 
@@ -321,3 +325,13 @@ def _solver(of: Layout, obstacles: int, levers: tuple[int, ...]) -> BufferedFunc
     return BufferedFunction(
         ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": held}, options)
     )
+
+
+def _contacts(scene: Scene) -> tuple[Array, tuple[type[RodTerm], ...]]:
+    """Return the parameters (K, 17) of the obstacles in contact, and the classes of their terms."""
+    if not has_complementarity(scene):
+        return convex_parameters([]), ()
+    from octoplan.model.extensions.contact.effects import bodies_of
+    from octoplan.model.extensions.contact.term import ContactTerm
+
+    return bodies_of(scene), (ContactTerm,)

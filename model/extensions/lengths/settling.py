@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.lengths.by_lengths import GivenLengths
 from octoplan.model.extensions.lengths.shortest import crushing_lengths
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import ForwardMap, ForwardMaps
+from octoplan.model.loads import is_path_dependent
 from octoplan.model.settle import SettlingProblem, settle_on_meshes
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, InputError, UnsettledSectionError
@@ -45,7 +45,7 @@ def _checked_winches(problem: SettlingProblem) -> Winches:
     """Return the winches of a problem with lengths; raise InputError."""
     if problem.scene.has(PrintedStatics):
         raise InputError("lengths", "given as printed", "tensions in a scene as printed")
-    if any(contact.friction for contact in contacts(problem.scene)):
+    if is_path_dependent(problem.scene):
         allowed = "tensions in a scene whose contacts have friction"
         raise InputError("lengths", "given with friction of contacts", allowed)
     winches = Winches.of(

@@ -5,27 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import clarabel
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.sparse import csc_array
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.contact.touches import ContactPoint
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
+from octoplan.planner.extensions.conic import Cone, conic_program
 
 # Lever arm by which moments are divided to compare them with forces, over the arm's length.
 LEVER = 0.1
 # Weight of the squares of tangential forces, which keeps undetermined forces small.
 COST = 1e-9
-# Tolerance of conic programs.
-_SHARP = 1e-11
-# A kind of cone, rows and offsets: rows @ x + offsets is in the cone.
-Cone = tuple[Any, Array, Array]
 
 
 class HeldObject(Protocol):
@@ -163,22 +159,6 @@ class Grasp:
             cones.append((clarabel.SecondOrderConeT, rows, np.zeros(3)))
         solution = conic_program(COST * forces.T @ forces, each[least], cones)
         return None if solution is None else solution[0]
-
-
-def conic_program(H: Array, cost: Array, cones: Sequence[Cone]) -> tuple[Array, Array] | None:
-    """Return the minimiser of x . H x / 2 + cost . x within cones, and the multipliers, or None.
-
-    By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
-    kinds, rows, numbers = zip(*cones, strict=True)
-    sized = [kind(len(offsets)) for kind, offsets in zip(kinds, numbers, strict=True)]
-    A, b = csc_array(-np.vstack(rows)), np.concatenate(numbers)
-    solution = clarabel.DefaultSolver(csc_array(np.triu(H)), cost, A, b, sized, settings).solve()
-    solved = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
-    return (np.array(solution.x), np.array(solution.z)) if solved else None
 
 
 def grips_of(shape: Shape, hold: HeldObject) -> tuple[Grip, ...]:

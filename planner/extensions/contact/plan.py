@@ -61,6 +61,12 @@ class ContactPlan(Plan):
         """See Plan.program: without contacts, if the arm keeps clear of the bodies."""
         return self.beside.program() if self.beside else super().program()
 
+    def multiplier_counts(self) -> tuple[int, int]:
+        """See Plan.multiplier_counts: an arm that leans has any number of rows."""
+        if self.beside:
+            return super().multiplier_counts()
+        return self.arm.n_tendons, len(self.solution.lam_g)
+
     def multipliers(self, kind: str) -> Array:
         """See Plan.multipliers: an arm that leans has the multiplier of stability alone."""
         if self.beside:

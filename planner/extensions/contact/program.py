@@ -31,7 +31,8 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.extensions.contact.grasp import COST, Cone, Grasp, conic_program
+from octoplan.planner.extensions.conic import Cone, conic_program
+from octoplan.planner.extensions.contact.grasp import COST, Grasp
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import LoadPath, path_sensitivities, rubs
 from octoplan.planner.limits import natural_tensions

@@ -59,6 +59,11 @@ class ContactStrategy(AvoidanceStrategy):
         """See Strategy.adapted: with the places along obstacles of the plan nearby."""
         return replace(problem, targets=with_places_of(problem.targets, near.targets))
 
+    def plan_of(self, problem: PlanningProblem, solution: Solution) -> Plan:
+        """See Strategy.plan_of."""
+        kind = ContactPlan if contacts(problem.scene) else Plan
+        return kind.of(problem, solution)
+
     def plan(self, problem: PlanningProblem, near: Plan | None) -> Plan:
         """See Strategy.plan; finds the length of a wrap that is given by its turns."""
         if contacts(problem.scene) and seconds_left() < np.inf:

@@ -10,7 +10,6 @@ import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, estimate
 from octoplan.model.loads import convergence_order
@@ -167,8 +166,6 @@ def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
     scene = checked_scene(arm, scene)
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
-    if contacts(scene):
-        raise InputError("scene", "contact", "a scene without: it is not differentiated by numbers")
     return scene
 
 

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.forward import FINEST_ACCURACY
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report
@@ -208,7 +207,7 @@ def _checked(
         jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
     )
     check_time()  # a certificate at a target catches OutOfTime
-    if contacts(question.scene):
+    if has_complementarity(question.scene):
         return result
     report("verifying between waypoints")
     lines = question.lines()

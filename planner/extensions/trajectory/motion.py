@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.forward import checked_accuracy
+from octoplan.model.loads import has_complementarity
 from octoplan.model.scene import Scene
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, limited, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
-from octoplan.planner.extensions.contact.load_path import is_same
-from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.trajectory.clear import cleared
 from octoplan.planner.extensions.trajectory.question import (
     Question,
@@ -30,6 +28,9 @@ from octoplan.planner.extensions.trajectory.waypoints import planned_touching
 from octoplan.planner.limits import checked_limits
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import planned_scene
+
+if TYPE_CHECKING:
+    from octoplan.planner.extensions.contact.plan import ContactPlan
 
 
 @with_progress
@@ -130,7 +131,6 @@ def trajectory(
     )
     instants = checked_times(file_times if times is None else times, len(sequence), rates)
     every = tuple(target for targets in sequence for target in targets)
-    begin = start if isinstance(start, ContactPlan) and is_same(start.scene, scene) else None
     question = Question(
         arm=arm,
         scene=scene,
@@ -142,13 +142,24 @@ def trajectory(
         start=checked_start(arm, start, limits),
         accuracy=checked_accuracy(accuracy),
         machine_code=checked_compile(compile),
-        begin=begin,
+        begin=_plan_in_contact(start, scene) if has_complementarity(scene) else None,
     )
     with limited(time_limit):
-        way = Timed.of(question, (planned_touching if contacts(scene) else cleared)(question))
+        way = Timed.of(
+            question, (planned_touching if has_complementarity(scene) else cleared)(question)
+        )
         left = None if time_limit is None else max(seconds_left(), GRACE)
     question.check_durations(np.diff(way.starts[[0, *way.met]]))
     result = Trajectory(question, way)
     with limited_to(left):
         result.complete()
     return result
+
+
+def _plan_in_contact(start: Any, scene: Scene) -> ContactPlan | None:
+    """Return the plan that a motion in contact starts from, if `start` is one for the scene."""
+    from octoplan.planner.extensions.contact.load_path import is_same
+    from octoplan.planner.extensions.contact.plan import ContactPlan
+
+    is_plan = isinstance(start, ContactPlan) and is_same(start.scene, scene)
+    return start if is_plan else None

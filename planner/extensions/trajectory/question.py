@@ -6,13 +6,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Weight
 from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.loads import has_complementarity
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
@@ -25,14 +26,15 @@ from octoplan.planner.block import Block, Constraints
 from octoplan.planner.entry_points import LOAD_WAYPOINTS, load
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import grid
-from octoplan.planner.extensions.contact.load_path import settled_along
-from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.limits import Limits, each_tendon
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import Environment, check_targets
 from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
+
+if TYPE_CHECKING:
+    from octoplan.planner.extensions.contact.plan import ContactPlan
 
 GRAVITY = float(np.linalg.norm(Weight().g))
 # Acceleration of the tip over gravity up to which a motion counts as quasi-static.
@@ -234,7 +236,9 @@ class Question:
         initial plan.
         """
         fine = max(self.accuracy / 10, FINEST_ACCURACY)
-        if near is None:
+        if near is None and has_complementarity(self.scene):
+            from octoplan.planner.extensions.contact.load_path import settled_along
+
             path = self.begin.solution.load_path if self.begin else ()
             return settled_along(self.arm, path, T, self.scene, fine, self.machine_code)
         return settle(self.arm, T, self.scene, fine, compile=self.machine_code, near=near)

@@ -12,7 +12,7 @@ from scipy.integrate import simpson
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Buoyancy
-from octoplan.model.extensions.contact.effects import contacts
+from octoplan.model.loads import has_complementarity
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
@@ -226,7 +226,7 @@ def slowest_period(shape: Shape) -> float:
     share = np.linspace(0.0, 1.0, 201)
     area = np.pi * arm.radius.evaluate(arm.length * share, arm.length)[0] ** 2
     mass = density * arm.length * simpson(area * share**4, x=share)
-    near = shape if contacts(shape.scene) else None
+    near = shape if has_complementarity(shape.scene) else None
     k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3, near=near)
     compliance = float(np.linalg.eigvalsh(k.compliance[:3, :3]).max())
     return float(2 * np.pi * np.sqrt(compliance * mass))

@@ -28,7 +28,7 @@ from scipy.interpolate import PPoly
 from octoplan.model.forward import FINEST_ACCURACY
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import ConvergenceError
-from octoplan.planner.extensions.contact.grasp import Cone, conic_program
+from octoplan.planner.extensions.conic import Cone, conic_program
 from octoplan.planner.extensions.trajectory.question import Question, Rates, Waypoint
 
 # Number of intervals between the knots of a stretch.

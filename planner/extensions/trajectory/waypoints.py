@@ -22,14 +22,12 @@ from functools import partial
 import numpy as np
 
 from octoplan.model.effects import Extension
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_loaded, is_path_dependent
 from octoplan.model.paths import Array
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, InputError, OctoplanError
 from octoplan.model.support.progress import report, track
-from octoplan.planner.extensions.contact.load_path import from_rest, rubs
-from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.nlp_options import NlpOptions
@@ -205,6 +203,9 @@ def planned_touching(question: Question) -> list[Waypoint]:
 
     Raises InputError for options that motions in contact do not support.
     """
+    from octoplan.planner.extensions.contact.load_path import from_rest
+    from octoplan.planner.extensions.contact.plan import ContactPlan
+
     of_places = np.isfinite(question.rates.of_places)
     if question.surroundings:
         allowed = "none in a scene with contact: there they are effects"
@@ -212,7 +213,7 @@ def planned_touching(question: Question) -> list[Waypoint]:
     if of_places.any():
         name = "stroke_rate_max" if of_places[:2].any() else "tip_acceleration_max"
         raise InputError(name, "given", "rate_max or times in a scene with contact")
-    if rubs(question.scene) and question.begin is None:
+    if is_path_dependent(question.scene) and question.begin is None:
         if not np.array_equal(question.start, question.limits.lower):
             allowed = "with friction of contacts the plan that the arm moves from, or none"
             raise InputError("start", question.start.tolist(), allowed)

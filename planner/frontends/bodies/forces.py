@@ -26,7 +26,6 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.effects.base import Effect
-from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.paths import SAME, Array
 from octoplan.model.shape import Shape
@@ -36,7 +35,6 @@ from octoplan.model.support.units import warn
 # Effects of the cross-section, which the springs represent.
 _STATICS = (ExactTendons, Extension, NeoHookean, PrintedStatics, Shear)
 _CARRIED = (Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight)
-_TOUCHING = (Contact, SelfContact)
 # Points per link at which a current is integrated.
 _DRAG_POINTS = 4
 
@@ -65,11 +63,13 @@ def left_out_of_mjcf(shape: Shape) -> tuple[str, ...]:
     Raises InputError for a load that changes the equilibrium and is not supported by MJCF.
     """
     free = not shape.contacts
-    known = (*_STATICS, *_CARRIED, *(_TOUCHING if free else ()))
-    refused = [effect for effect in shape.scene.effects if not isinstance(effect, known)]
+    known = (*_STATICS, *_CARRIED)
+    others = [effect for effect in shape.scene.effects if not isinstance(effect, known)]
+    contacts = [effect for effect in others if effect.has_complementarity]
+    refused = [effect for effect in others if not (free and effect in contacts)]
     if refused:
         allowed = "a scene with loads that MJCF supports"
-        if any(isinstance(effect, _TOUCHING) for effect in refused):
+        if any(effect in contacts for effect in refused):
             allowed += "; replace contacts by a PointLoad with each force of shape.contacts"
         else:
             allowed += "; settle the arm without this effect"
@@ -77,9 +77,8 @@ def left_out_of_mjcf(shape: Shape) -> tuple[str, ...]:
     sentences = []
     if shape.scene.has(Current):
         sentences.append("Current is constant in MJCF: its forces are those on the settled shape")
-    if shape.scene.has(*_TOUCHING):
-        names = _names(effect for effect in shape.scene.effects if isinstance(effect, _TOUCHING))
-        sentences.append(f"{names} left out of MJCF: the settled shape touches nothing")
+    if contacts:
+        sentences.append(f"{_names(contacts)} left out of MJCF: the settled shape touches nothing")
     return tuple(sentences)
 
 

@@ -15,12 +15,13 @@ import octoplan.model.extensions.obstacles
 import octoplan.planner.targets
 from octoplan.model.anchorage import Anchorage, Material, RestCurvature
 from octoplan.model.arm import PAPER_ARMS, PAPER_FRAME, Arm
-from octoplan.model.extensions.contact.effects import Contact
+from octoplan.model.effects.base import Effect
+from octoplan.model.extensions import public_extensions as model_extensions
 from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Obstacle
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.support.errors import FileError, InputError
 from octoplan.model.support.quantities import Vector
-from octoplan.planner.extensions.contact import Hold, Wrap
+from octoplan.planner.extensions import public_extensions as planner_extensions
 from octoplan.planner.frontends.io.codec import (
     READ,
     WRITE,
@@ -39,7 +40,7 @@ from octoplan.planner.frontends.io.codec import (
     unit_of_type,
 )
 from octoplan.planner.frontends.io.tables import TABLES, fields_of, struct, table, type_in_file
-from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPose
+from octoplan.planner.targets import Softest, Stiffest, Target
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]
@@ -248,15 +249,11 @@ def _avoided(obstacle: Obstacle, rows: Any) -> Obstacle | Moving:
 
 _ROWS = "rows of time [s] and displacement along x, y, z [mm]"
 _PATH = keyed(tuple[tuple[float, float, float, float], ...] | None, _ROWS, None)
-_FRICTION = next(item[1:] for item in fields_of(Contact, {"obstacle"}))
 _CONVEX = [_SHAPES[kind] for kind in _KINDS if issubclass(kind, Convex)]
 # Obstacles to wrap or hold; to avoid, possibly moving; to lean on.
 TABLES[Convex] = choice(_CONVEX)
 ObstacleTable: Any = choice(
     [_with_key(item, "Avoided", "path_s_mm", _PATH, _avoided) for item in _SHAPES.values()]
-)
-TABLES[Contact] = choice(
-    [_with_key(item, "Contact", "friction", _FRICTION, Contact) for item in _CONVEX]
 )
 
 
@@ -266,7 +263,20 @@ def _moving(each: Moving) -> dict[str, Any]:
 
 
 WRITE[Moving] = _moving
-WRITE[Contact] = lambda item: {**table_of(item.obstacle), "friction": item.friction}
+
+
+def _register_effect_of_obstacle(kind: type[Effect]) -> None:
+    """Register the table of an effect: an obstacle with one more key, such as that of Contact."""
+    ((key, *held),) = fields_of(kind, {"obstacle"})
+    tables = [_with_key(item, kind.__name__, key, (held[0], held[1]), kind) for item in _CONVEX]
+    TABLES[kind] = choice(tables)
+    WRITE[kind] = lambda item: {**table_of(item.obstacle), key: getattr(item, key)}
+
+
+for _module in model_extensions():
+    for _kind in public(_module):
+        if issubclass(_kind, Effect) and hints_of(_kind).get("obstacle") is Convex:
+            _register_effect_of_obstacle(_kind)
 
 
 def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
@@ -288,16 +298,17 @@ _WRENCH: dict[str, Any] = {
 }
 
 
-_TARGET_FORMS: dict[Any, dict[str, Any]] = {
-    TipPose: {"frame": frame_form("desired t of the tip", "desired n of the tip, normal to t")},
-    MinimumStiffness: {
+# Forms of fields by the name of the target: extensions may be left out.
+_TARGET_FORMS: dict[str, dict[str, Any]] = {
+    "TipPose": {"frame": frame_form("desired t of the tip", "desired n of the tip, normal to t")},
+    "MinimumStiffness": {
         "direction": FieldFormat(
             _AGAINST,
             _stiffness,
             lambda each: {"matrix" if np.ndim(each) == 2 else "direction": np.array(each).tolist()},
         )
     },
-    Hold: {
+    "Hold": {
         "wrench": FieldFormat(
             _WRENCH,
             lambda force, moment: (*force, *(moment or ())),
@@ -306,8 +317,9 @@ _TARGET_FORMS: dict[Any, dict[str, Any]] = {
     },
 }
 _TABLES = {
-    kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))
-    for kind in (*public(octoplan.planner.targets), Hold, Wrap)
+    kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind.__name__, {}))
+    for module in (octoplan.planner.targets, *planner_extensions())
+    for kind in public(module)
     if hasattr(kind, "terms") and kind is not Target
 }
 TARGETS = tuple(_TABLES)

@@ -10,14 +10,12 @@ import msgspec
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.support.checks import not_negative, positive, within
 from octoplan.model.support.errors import FileError
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.progress import with_progress
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
-from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.frontends.io.codec import read, value_of
 from octoplan.planner.frontends.io.files import path_of, read_json
@@ -34,6 +32,7 @@ from octoplan.planner.frontends.io.saved_records import (
 from octoplan.planner.limits import checked_limits
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem, check_targets, planned_scene
+from octoplan.planner.strategy import strategy_of
 
 
 class SavedPlan(msgspec.Struct):
@@ -88,8 +87,8 @@ def load_plan(
         question.clearance,
         question.self_clearance,
     )
-    kind = ContactPlan if contacts(task.scene) else Plan
-    plan: Plan = kind.of(replace(task, environment=around), result)
+    task = replace(task, environment=around)
+    plan = strategy_of(task, has_obstacles=bool(around)).plan_of(task, result)
     _check_multipliers(plan, name)
     with limited_to(None if time_limit is None else positive("time_limit", time_limit)):
         plan.complete()
@@ -115,12 +114,8 @@ def _check_multipliers(plan: Plan, name: str) -> None:
     lam_x = plan.solution.lam_x
     lam_g = plan.solution.lam_g
     sizes = len(lam_x), len(lam_g)
-    if any(sizes) and isinstance(plan, ContactPlan) and not plan.beside:
-        wanted = plan.arm.n_tendons, sizes[1]
-    elif any(sizes):
-        program = plan.program().program
-        wanted = program.n_decision, program.n_design_rows
-    if any(sizes) and sizes != wanted:
+    wanted = plan.multiplier_counts() if any(sizes) else sizes
+    if sizes != wanted:
         rule = "must be empty or have {} and {} numbers, not {} and {}".format(*wanted, *sizes)
         raise FileError(name, "answer.lam_x and answer.lam_g", rule)
     for where, lam in (("answer.lam_x", lam_x), ("answer.lam_g", lam_g)):

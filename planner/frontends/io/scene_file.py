@@ -12,9 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.extensions.contact.effects import SelfContact
 from octoplan.model.extensions.lengths.winches import Winches
-from octoplan.model.loads import check_loads
+from octoplan.model.loads import check_arm
 from octoplan.model.support.errors import FileError
 from octoplan.model.support.units import STROKE, length_text, warn_unusual
 from octoplan.model.tendons import rest_lengths
@@ -174,11 +173,10 @@ def _without_none(arguments: dict[str, Any]) -> dict[str, Any]:
 def _scene(arm: Arm, table: Any) -> Scene:
     """Return the scene of a table, checked with an arm.
 
-    Self-contact is not checked here: settle accepts self-contact, other functions raise InputError.
+    The functions that use the scene raise InputError for effects that they do not support.
     """
     scene = scene_of(table)
-    apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
-    check_loads(arm, apart, contact=True)
+    check_arm(arm, scene)
     return scene
 
 

@@ -22,11 +22,10 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable, stability_slope
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.extensions.obstacles.base import distances_from
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import initial_tolerance_factor, settle
@@ -269,7 +268,8 @@ def _under_loads(shape: Shape) -> Equilibrium | None:
 
     Shapes in contact need meshes that depend on the contact.
     """
-    return None if contacts(shape.scene) or not is_loaded(shape.scene) else shape.known
+    is_fixed = is_loaded(shape.scene) and not has_complementarity(shape.scene)
+    return shape.known if is_fixed else None
 
 
 def _stability(shape: Shape) -> tuple[float, Array]:

@@ -18,11 +18,12 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-un
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.clearance import Clearance, clearance
 from octoplan.model.extensions.clearance.nearest import ITSELF
-from octoplan.model.extensions.contact.effects import SelfContact, contacts
 from octoplan.model.extensions.obstacles import HalfSpace, Obstacle
+from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.loads import has_complementarity
 from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape
-from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
 from octoplan.planner.frontends.bodies.surface import along, outline, rings, tendon_lines
 from octoplan.planner.frontends.plots.style import (
     INK,
@@ -49,6 +50,8 @@ _OBSTACLE = "#b5651d"
 _WARNING = "#c0182b"
 # Clearance over the arm length below which the nearest point is marked.
 _NEAR = 0.02
+# Depth of a contact point below which the surfaces touch [m], as in the certificate of a plan.
+_DEPTH = 1e-8
 
 
 def draw_arm(
@@ -69,7 +72,7 @@ def draw_arm(
     fresh = not ax.has_data()
     s = along(shape.arm, _ALONG)
     poses = shape.poses(s)
-    obstacles = (*obstacles, *(contact.obstacle for contact in contacts(shape.scene)))
+    obstacles = (*obstacles, *_leaned_on(shape.scene))
     things = draw_obstacles(obstacles, ax)
     skin = _body(shape.arm, ax, s, poses)
     goals = [draw_target(target, ax, shape) for target in targets]
@@ -77,6 +80,15 @@ def draw_arm(
     _tendons(shape, ax, tendon_lines(shape.arm, s, poses))
     set_limits(ax, np.vstack([skin, things, *goals]), fresh)
     return np.vstack([poses[:, 4:], *goals])
+
+
+def _leaned_on(scene: Scene) -> list[Convex]:
+    """Return the obstacles that the arm may lean on."""
+    if not has_complementarity(scene):
+        return []
+    from octoplan.model.extensions.contact.effects import contacts
+
+    return [contact.obstacle for contact in contacts(scene)]
 
 
 def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
@@ -101,18 +113,19 @@ def mark_nearest(
     `nearest` is the clearance of a certificate; computed by default. Contacts of the
     equilibrium, see Shape.contacts, are marked separately.
     """
-    held = [contact.obstacle for contact in contacts(shape.scene)]
-    touching = [touch for touch in shape.contacts if touch.gap >= -COMPLEMENTARY]
+    held = _leaned_on(shape.scene)
+    touching = [touch for touch in shape.contacts if touch.gap >= -_DEPTH]
     if touching:
         points = MM * np.array([touch.point for touch in touching])
         _mark(points, "contact", _OBSTACLE, ax, mfc=_OBSTACLE, ms=SIZE / 2)
     free = [obstacle for obstacle in obstacles if obstacle not in held]
     result = clearance(shape, free) if nearest is None else nearest
-    pressed = [touch for touch in shape.contacts if touch.gap < -COMPLEMENTARY]
+    pressed = [touch for touch in shape.contacts if touch.gap < -_DEPTH]
     if pressed:
         deepest = min(pressed, key=lambda touch: touch.gap)
         result = Clearance(deepest.gap, type(deepest.obstacle).__name__, (deepest.s,))
-    if result.what == ITSELF and (shape.self_contacts or shape.scene.has(SelfContact)):
+    in_self_contact = has_complementarity(shape.scene) and not held
+    if result.what == ITSELF and (shape.self_contacts or in_self_contact):
         return
     through = result.gap < 0
     if not (through or (free and result.gap < _NEAR * shape.arm.length)):
