@@ -1,4 +1,4 @@
-"""Shapes by collocation on a given mesh: a second way to solve for what `settle` returns."""
+"""Shapes by collocation on a given mesh: an independent check of `settle`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def collocated(
 ) -> Shape:
     """Return a shape by collocation with a number of stages, on the mesh of a refinement.
 
-    In scenes without loads `settle` solves each cross-section by itself instead; under loads it
-    uses three stages.
+    Without loads `settle` solves each cross-section separately instead; under loads `settle` uses
+    three stages.
     """
     T = arm.flat(tensions)
     equations = system(arm, scene, stages, refinement, (), is_loaded(scene))

@@ -1,4 +1,4 @@
-"""Studies run as users run them: by their commands, from the project's root."""
+"""Run studies as users do: by their commands, from the project's root."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def source(command: str) -> str:
 
 
 def study(name: str, *options: str | Path) -> str:
-    """Run a study and return what it printed; fails with what it said where it does."""
+    """Run a study and return its output; fail with its error message if the study fails."""
     command = [sys.executable, "-m", *f"studies.{name}".split(), *map(str, options)]
     done = subprocess.run(
         command, cwd=ROOT, env=ALONE, capture_output=True, text=True, stdin=subprocess.DEVNULL

@@ -10,15 +10,15 @@ import pytest
 
 # Matrices are small: threads that wait for each other take a tenth more processor time.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# A shell lets what it starts in the background ignore Ctrl-C, and so do the commands that tests
-# start and interrupt.
+# A shell makes background processes ignore Ctrl-C, and also the commands that tests start and
+# interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark as slow what `quick` does not name, before pytest selects by marks."""
+    """Mark cases that `quick` does not name as slow, before pytest selects by marks."""
     cases: dict[str, list[bool]] = defaultdict(list)
     for item in items:
         mark = item.get_closest_marker("quick")
@@ -29,7 +29,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if not named:
             item.add_marker(pytest.mark.slow)
     lost = [name for name, named in cases.items() if len(named) > 1 and not any(named)]
-    # Of a selection of cases it may name none.
+    # A selection of cases may contain none of the named ones.
     selected = config.getoption("lf", False) or any("::" in name for name in config.args)
     if lost and not selected:
         raise pytest.UsageError(f"quick names no case of {', '.join(lost)}")

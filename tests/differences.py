@@ -1,4 +1,4 @@
-"""Central differences, and derivatives and programs held to them."""
+"""Central differences, and checks of derivatives and programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def fourth_order(f: Callable[[float], Array], h: float) -> Array:
 
 
 def check_rows(matrix: Array, way: Array, wanted: Array) -> None:
-    """Hold what each row of a matrix says of a way to 1e-7 of its largest terms."""
+    """Check each row of a matrix times a direction to 1e-7 of its largest terms."""
     size = np.abs(matrix) @ np.abs(way)
     assert size.max() > 0
     assert np.all(np.abs(matrix @ way - wanted) <= 1e-7 * size + 1e-9 * size.max())
@@ -42,7 +42,7 @@ class Twice(NamedTuple):
 
 
 def whole(problem: Problem, p: Array) -> Twice:
-    """The program with the states among its unknowns."""
+    """Return the program with the states among its unknowns."""
 
     of = problem.program
 
@@ -59,7 +59,7 @@ def all_of(of: Program, x: Array, p: Array) -> First:
 
 
 def dense(A: Any) -> Array:
-    """A matrix of CasADi's with its zeros."""
+    """Return a CasADi matrix with its zeros."""
     return np.array(ca.densify(A))
 
 

@@ -1,6 +1,6 @@
-"""Closed forms and reference integrations in NumPy and SciPy: what the project is tested against.
+"""Closed forms and reference integrations in NumPy and SciPy, as references for tests.
 
-Nothing here imports the project. Source: the paper's equations (1), (3), (5) to (11), with the
+No reference imports the project. Source: the paper's equations (1), (3), (5) to (11), with the
 moment balance of a cross-section solved as a full 3x3 system and poses integrated by DOP853.
 """
 
@@ -59,11 +59,11 @@ class Rod:
     position: Array = field(default_factory=lambda: np.zeros(3))
 
     def active(self, s: float) -> int:
-        """Return how many sections' tendons cross s, an anchorage taken on its base side."""
+        """Return the number of sections with tendons at s; an anchorage counts on its base side."""
         return sum(section.at >= s for section in self.sections)
 
     def breaks(self) -> Array:
-        """Return where strains are not smooth, and both ends."""
+        """Return places at which strains are not smooth, and both ends."""
         paths = [self.radius, *(section.offset for section in self.sections)]
         places = [0.0, self.length, *(section.at for section in self.sections)]
         places += [x for path in paths for x in path.x if 0 < x < self.length]
@@ -203,9 +203,10 @@ def printed_rate(rod: Rod, T: Array, s: float, omega: Array, active: int) -> Arr
 
 
 def printed_states(rod: Rod, T: Array, s: Array) -> tuple[Array, Array, Array]:
-    """Return strains, positions, frames at s, which has all breaks: eqs. (1), (10), (11).
+    """Return strains, positions, frames at s, which includes all breaks: eqs. (1), (10), (11).
 
-    Strains are integrated from the tip to the base, the pose with them and then set on the base.
+    Strains are integrated from the tip to the base, together with the pose, which is then moved to
+    the base.
     """
     state = np.concatenate([np.zeros(6), np.eye(3).ravel()])
     rows, stretch = [], []

@@ -35,10 +35,7 @@ def random_arm(
 
 
 def random_pulls(arm: Arm, rng: np.random.Generator, most: float) -> Array:
-    """Return tensions (n_tendons,), half of them 0, each of which bends the arm by up to `most`.
-
-    In radians, or so.
-    """
+    """Return tensions (n_tendons,), half of them 0; each bends the arm by up to `most` rad."""
     at = np.array([arm.sections[i].at for i, _ in arm.tendons])
     radius = arm.radius.evaluate(at, arm.length)[0]
     unit = arm.material.E * np.pi * radius**3 / 4 / at

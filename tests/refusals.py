@@ -1,4 +1,4 @@
-"""Refusals as tables: what is tried, the field that is named, and a part of what is told."""
+"""Tables of refusals: the attempt, the field in the message, and a part of the message."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Refused = dict[str, tuple[Callable[[], object], str, str]]
 
 
 def check_refusal(attempt: Callable[[], object], field: str, told: str = "") -> None:
-    """Assert that an attempt raises InputError that names the field, what was given and allowed."""
+    """Assert that an attempt raises InputError with the field, the given and the allowed value."""
     with pytest.raises(InputError) as caught:
         attempt()
     error = caught.value

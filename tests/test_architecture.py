@@ -18,7 +18,7 @@ def _name(path: Path) -> str:
 
 @cache
 def _read(path: Path) -> tuple[set[str], list[int]]:
-    """What a file imports, inside of its functions too, and the lines that print."""
+    """Return the imports of a file, also inside of functions, and the lines that print."""
     found: set[str] = set()
     prints = []
     for node in ast.walk(ast.parse(path.read_text())):
@@ -32,7 +32,7 @@ def _read(path: Path) -> tuple[set[str], list[int]]:
 
 
 def _at_module_level(path: Path) -> set[str]:
-    """The names that a file imports when it is imported; hooks import extensions when called."""
+    """Return imports at module level; hooks import extensions when called."""
     found: set[str] = set()
 
     def visit(body: list[ast.stmt]) -> None:
@@ -88,7 +88,7 @@ def test_every_module_has_a_layer() -> None:
 
 @cache
 def _at_import(path: Path) -> frozenset[str]:
-    """Modules that a file imports when it is imported itself."""
+    """Return modules that a file imports at module level."""
     found: set[str] = set()
     nodes: list[ast.AST] = list(ast.parse(path.read_text()).body)
     while nodes:

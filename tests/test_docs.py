@@ -1,4 +1,4 @@
-"""The documentation: it builds without a warning, what it shows is so, and nothing is left out."""
+"""The documentation builds without a warning, its examples run, and all names are documented."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TEXT = "\n".join([*PAGES.values(), (ROOT / "studies" / "README.md").read_text()]
 _LINES = [*re.findall(r"^ +\$ (.+)$", TEXT, re.MULTILINE), *re.findall(r"``?([^`]+)``?", TEXT)]
 _NAMED = r"octoplan [a-z]+|python -m studies\."
 COMMANDS = sorted({" ".join(own.split()) for own in _LINES if re.match(_NAMED, own)})
-# Bases of the effects and obstacles, and what the planner asks of these.
+# Bases of the effects and obstacles, and values of the planner.
 PLUMBING = {"Effect", "Obstacle", "check_obstacles", "distances", "convex_parameters"}
 
 

@@ -1,4 +1,4 @@
-"""`import octoplan`: its names, when its packages are loaded, and files that could hide these."""
+"""`import octoplan`: names, loading of packages, and files that could hide packages."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_a_name_that_is_nearly_one_is_suggested() -> None:
         octoplan.TipPostion  # noqa: B018
     with pytest.raises(AttributeError, match=r"no attribute 'nothing_like_it'$"):
         octoplan.nothing_like_it  # noqa: B018
-    # Python drops what an AttributeError advises.
+    # Python omits the message of an AttributeError.
     with pytest.raises(ImportError, match="'Extention' from 'octoplan'; did you mean 'Extension'"):
         from octoplan import Extention  # type: ignore[attr-defined]  # noqa: F401
 

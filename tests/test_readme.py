@@ -1,4 +1,4 @@
-"""What README.md says: its commands run, its scripts run, its files are there."""
+"""README.md: its commands run, its scripts run, its files exist."""
 
 import os
 import re
@@ -34,7 +34,7 @@ def test_the_readme_has_commands_and_scripts_of_each_kind() -> None:
 
 
 def _run(command: str, folder: Path) -> None:
-    """Run a command of the README in a folder that has the project's files in it."""
+    """Run a command of the README in a folder with the project's files."""
     for name in ("studies", "docs"):
         if not (folder / name).exists():
             (folder / name).symlink_to(ROOT / name)
@@ -84,7 +84,7 @@ def test_the_script_runs(
 
 
 def test_a_number_of_the_results_is_that_of_its_study() -> None:
-    """Numbers of a benchmark stand in studies/README.md; the README has the same digits."""
+    """Numbers of a benchmark are in studies/README.md; the README has the same digits."""
     answers = (ROOT / "studies" / "README.md").read_text()
     rows = [line for line in TEXT.splitlines() if "python -m studies." in line and line[0] == "|"]
     assert len(rows) >= 4

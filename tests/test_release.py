@@ -1,4 +1,4 @@
-"""What is released: a wheel and an sdist that are whole, and work in an empty environment."""
+"""The release: a wheel and an sdist that are complete, and work in an empty environment."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ print(octoplan.__version__)
 """
 
 
-# As ALONE, without this folder: what is installed is what is found.
+# As ALONE, without this folder, so that Python finds the installed package.
 EMPTY = {name: value for name, value in ALONE.items() if name != "PYTHONPATH"}
 
 
@@ -42,7 +42,7 @@ def run(*command: str, cwd: Path | None = None) -> str:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Return the wheel and the sdist, built of a copy of what is kept."""
+    """Return the wheel and the sdist, built from a copy of the tracked files."""
     folder = tmp_path_factory.mktemp("release")
     source, out = folder / "source", folder / "dist"
     names = run("git", "-C", str(ROOT), "ls-files", "-co", "--exclude-standard").splitlines()

@@ -1,4 +1,4 @@
-"""Many sets settle as each does alone, compiled or not; a bad one is a row of its reason."""
+"""Many sets settle as each does alone, compiled or not; a failed set is a row with its reason."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ WITH_ERRORS = [
 
 
 def check(arm: Arm, scene: Scene, sets: Any, bad: dict[int, str]) -> None:
-    """Check that bad rows are nan and tell why, and good ones are as by themselves."""
+    """Check that failed rows are NaN with a reason, and other rows as if settled alone."""
     many = settle_many(arm, sets, scene, 1e-5, errors="nan")
     good = [i for i in range(len(sets)) if i not in bad]
     alone = settle_many(arm, [sets[i] for i in good], scene, 1e-5)

@@ -19,7 +19,7 @@ MARKERS = ((0.1, (0.0, 0.0, 0.02)), (0.19, (0.0, 0.015, 0.0)))
 
 
 def tentacle(E: float = 505e3, density: float = 1500.0) -> Arm:
-    """The silicone tentacle of SoRoMoX, as its authors start with it."""
+    """Return the silicone tentacle of SoRoMoX, with its authors' initial values."""
     angles = tuple(np.radians([30.0, 150.0]).tolist())
     tendons = Anchorage(0.305, Linear(0.0114, 0.0024025), angles)
     material = Material(E, 0.45, density)
@@ -27,7 +27,7 @@ def tentacle(E: float = 505e3, density: float = 1500.0) -> Arm:
 
 
 def tentacle_shapes() -> list[Measured]:
-    """Its measured shapes; source and licence stand in the file."""
+    """Return its measured shapes; source and licence are in the file."""
     data: dict[str, Any] = json.loads(DATA.read_text())
     markers = data["markers"]
     return [
@@ -54,7 +54,7 @@ PULLS = ([1.0, 0.0, 0.2], [0.0, 1.5, 0.0], [0.4, 0.0, 1.8], [2.0, 0.6, 0.0])
 def synthetic(
     arm: Arm, scene: Scene, noise: float, seed: int, pulls: Any = PULLS
 ) -> list[Measured]:
-    """What markers of an arm show under tensions, with noise [m]."""
+    """Return the markers of an arm under tensions, with noise [m]."""
     rng, shapes = np.random.default_rng(seed), []
     for i, T in enumerate(pulls):
         shape = settle(arm, T, scene, accuracy=1e-7)

@@ -1,4 +1,4 @@
-"""What cannot be calibrated is refused, with what is wrong and where."""
+"""Invalid calibrations are refused, with the reason and the place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms are designed for their tasks: gradients, optima, limits, and what cannot be."""
+"""Arms are designed for tasks: gradients, optima, limits, and refusals."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _tips(scene: Scene = PAPER) -> list[TipPosition]:
 def test_derivatives_of_the_program_are_those_of_differences(
     objective: Objective, scene: Scene
 ) -> None:
-    """By tensions and states to rounding; by numbers of the arm as their differences are."""
+    """Gradients by tensions and states are exact; by numbers of the arm, as differences."""
     parameters = Parameters.of(_arm(), scene, [RADIUS, PLACE, OFFSET])
     tasks: list[Targets] = [(tip,) for tip in _tips()]
     program = DesignProgram(
@@ -81,7 +81,8 @@ def test_derivatives_of_the_program_are_those_of_differences(
     gradient, J = first(x)
     H = np.array(of["hess_lag"](x, [], 1.0, lam))
     H += np.triu(H, 1).T
-    # Numbers of the arm count as linear in the unknowns: of these the Hessian lacks second ones.
+    # Numbers of the arm count as linear in the unknowns: the Hessian lacks their second
+    # derivatives.
     for k, far, curved in ((-3, 1e-6, 1e-5), (-2, 1e-6, 1e-5), (2, 1e-9, 1e-7), (-12, 1e-9, 1e-7)):
         along = np.eye(x.size)[k]
         wanted = fourth_order(lambda y, v=along: values(x + y * v), 1e-4)
@@ -93,7 +94,7 @@ def test_derivatives_of_the_program_are_those_of_differences(
 
 
 def test_a_time_limit_that_ends_the_program_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """CasADi told of what its callback raised as an error of its own."""
+    """CasADi reported an error of its callback as an error of CasADi."""
     parameters = Parameters.of(_arm(), PAPER, [RADIUS])
     program = DesignProgram(
         parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), ManufacturingLimits()
@@ -107,7 +108,7 @@ def test_a_time_limit_that_ends_the_program_is_told(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.slow
 def test_an_arm_is_designed_for_stiffness() -> None:
-    """A thicker tip is stiffer: the optimum is at the bound, or where tensions are at theirs."""
+    """A thicker tip is stiffer: the optimum is at the bound, or at the bounds of the tensions."""
     up = Stiffest((0.0, 0.0, 1.0))
     found = design(_arm(), _tips()[:1], [RADIUS], PAPER, 5.0, objective=up, n_starts=1, starts=2)
     assert found.feasible
@@ -133,7 +134,7 @@ def test_a_stiffest_modulus_is_no_softer_than_others() -> None:
 
 @pytest.mark.slow
 def test_an_arm_is_designed_for_reach() -> None:
-    """Tendons farther out bend more: the tip gets farther aside, and a search confirms how far."""
+    """Tendons farther out bend more: the tip reaches farther aside, as a search confirms."""
     aside = Reach((0.0, -1.0, 0.0))
     found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 0.8, objective=aside, n_starts=1, starts=2)
     assert found.feasible
@@ -178,7 +179,7 @@ def test_the_optimum_is_that_of_a_search_over_plans() -> None:
 @pytest.mark.quick("arm.radius_mm[1]")
 @pytest.mark.parametrize("key", ["arm.sections[1].offset_mm[0]", "arm.radius_mm[1]"])
 def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
-    """At bounds the effort still falls; differences of plans of neighbouring arms say how fast."""
+    """At bounds the effort still falls, at the rate of differences of neighbouring arms."""
     start = {"arm.sections[1].offset_mm[0]": 6.0, "arm.radius_mm[1]": 5.0}[key]
     narrow = Unknown(key, start - 0.01, start + 0.01)
     found = design(_arm(), _tips(), [narrow], PAPER, 5.0, starts=3, n_starts=1)

@@ -1,4 +1,4 @@
-"""Load cells and encoders: shapes by tensions, by lengths, by both, each with its noise."""
+"""Load cells and encoders: shapes by tensions, lengths, or both, each with noise."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _off() -> Arm:
 
 
 def _by_length(kind: str, noise: float = 0.0, seed: int = 0) -> list[Measured]:
-    """Shapes of the small arm as encoders tell them, with slack tendons among them."""
+    """Return shapes of the small arm by encoders, with slack tendons among the tendons."""
     rng, shapes, rest = np.random.default_rng(seed), [], rest_lengths(small_arm())
     for i, T in enumerate([*PULLS, [0.0, 0.0, 0.0]]):
         shape = settle(small_arm(), T, HANGING, 1e-8)
@@ -107,7 +107,7 @@ LADEN = Scene(
     PointMass(0.15, 0.005, (0.0, 0.02, -0.01)),
 )
 EXACT = Scene(Extension(), ExactTendons())
-# An arm, a scene, a number of theirs, and a small change of it.
+# An arm, a scene, one of their numbers, and a small change of the number.
 NUMBERS: dict[str, tuple[Arm, Scene, str, float]] = {
     "modulus": (PLAIN, LOADED, "arm.E_kPa", 0.1),
     "density": (PLAIN, LOADED, "arm.density", 1.0),
@@ -155,14 +155,14 @@ def _flat(here: Evaluation) -> np.ndarray:
 
 
 def _longer(arm: Arm) -> Arm:
-    """The arm with a tip beyond its anchorage, so that its length may be unknown."""
+    """Return the arm with a tip beyond its anchorage, so that its length may be unknown."""
     return replace(arm, length=0.21)
 
 
 @pytest.mark.quick("tensions")
 @pytest.mark.parametrize("by", ["tensions", "lengths"])
 def test_noise_of_what_drives_shapes_is_carried_to_standard_errors(by: str) -> None:
-    """Draws of noise of load cells, or encoders, scatter the values as much as is told."""
+    """Draws of noise of load cells, or encoders, scatter the values as much as stated."""
     values, stds, pulls = [], [], [[1, 0.3, 0.2], [0.2, 1.5, 0.4]]
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -240,7 +240,7 @@ def test_a_plan_of_a_calibrated_arm_tells_how_sure_its_tip_is(sure: Calibration)
 
 @pytest.mark.slow
 def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
-    """At the given modulus an arm bears tensions that crush it at the modulus of the others."""
+    """At the given modulus an arm bears tensions that crush the arm at the other modulus."""
     scene = Scene(Extension(), Weight())
     strong = Measured([12.0, 12.0, 12.0], tip=(0.0, 0.0, -0.1), name="strong", std=0.1)
     shapes = synthetic(small_arm(), scene, 1e-5, 0)

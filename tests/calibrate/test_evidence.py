@@ -40,7 +40,7 @@ def given() -> Calibration:
 
 
 def test_without_surplus_data_given_deviations_hold(given: Calibration) -> None:
-    """Standard errors are those of the inverse of the linear map from forces to the tip."""
+    """Return standard errors by the inverse of the linear map from forces to the tip."""
     assert given.degrees_of_freedom == 0
     assert given.noise == 1.0
     columns = []
@@ -97,7 +97,7 @@ def test_absolute_deviations_have_to_be_given() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_errors_of_few_surplus_data_are_those_of_scipy(count: int) -> None:
-    """By curve_fit over `settle`, its deviations scaled by the residuals, and Student's t."""
+    """Fit by curve_fit over `settle`, with deviations scaled by the residuals, and Student's t."""
     arm, rng = small_arm(), np.random.default_rng(count)
     scene = Scene(*HANGING.effects, TipLoad(force=(0.0, 0.0, 0.0)))
     # Places of one marker and the tip: six numbers.
@@ -166,7 +166,7 @@ def held_by_few_data(seed: int) -> Held:
     )
     known = [0.0 if k in chosen else float(truth[k]) for k in (1, 2, 3)]
     scene = Scene(*HANGING.effects, TipLoad(force=tuple(known)))
-    # Deviations are honest if no surplus data test them, and off by any factor otherwise.
+    # Stated deviations are true without surplus data, and wrong by any factor otherwise.
     told = sigma if not surplus else sigma * 10 ** rng.uniform(-1, 1)
     pulls = rng.uniform(0, 1.5, (size // 3 + 1, 3))
     shapes = []

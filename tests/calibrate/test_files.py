@@ -109,7 +109,7 @@ def test_a_marker_that_is_no_number_is_told_by_its_row(folder: Path) -> None:
 
 
 def test_shapes_by_encoders_have_noise_of_their_own(folder: Path) -> None:
-    """Lengths in place of tensions where their cells are empty, beside them elsewhere."""
+    """Lengths replace tensions in rows without tensions, and complement tensions elsewhere."""
     shapes, path = folder / "shapes.csv", folder / "calibration.toml"
     header, *rows = shapes.read_text().splitlines()
     rows = [f"{row},200,199,198" for row in rows]

@@ -1,4 +1,4 @@
-"""Numbers are recovered from shapes; what data cannot tell is named."""
+"""Numbers are recovered from shapes; undetermined numbers are named."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from octoplan.planner import Calibration, Measured, Unknown, calibrate
 from octoplan.planner.extensions.fit.residuals import mean_distance
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic, tentacle, tentacle_shapes
 
-# Of the standard errors, by which optima may differ that are found by other steps.
+# Difference of optima that are found by other steps, over the standard errors.
 OFFSET = 1e-3
 SCALE = tuple(f"tension_scale[{j}]" for j in range(3))
 KNOWN = [Unknown("arm.E_kPa", 50, 300), Unknown("arm.sections[0].offset_mm[0]", 3, 9)]
@@ -114,7 +114,7 @@ def test_an_outlier_is_named_and_a_robust_loss_is_not_led_by_it() -> None:
 
 
 def test_noise_of_a_robust_loss_is_that_of_the_other_shapes() -> None:
-    """Half of the residuals are less than the median: what outliers are off by does not count."""
+    """Half of the residuals are below the median: the size of outliers does not count."""
     shapes = synthetic(small_arm(), HANGING, 1e-4, 2, [*PULLS, [1.5, 0, 0], [0, 0.7, 0.7]])
     plain = calibrate(small_arm(), HANGING, shapes, KNOWN, loss="soft_l1")
     for far in (0.01, 0.04):
@@ -139,7 +139,7 @@ def test_a_fit_in_a_wrong_basin_is_left_for_a_better_one_and_told(loss: Any) -> 
     assert "starts came to this optimum" in found.outcome
 
 
-# Of intervals of 95 % all but a few hold the truth; a few arms by default.
+# Of 95 % intervals nearly all contain the truth; a few arms by default.
 @pytest.mark.parametrize(
     "count", [4, pytest.param(100, marks=pytest.mark.slow, id="all")], ids=None
 )
@@ -205,7 +205,7 @@ def test_strokes_tell_the_curvature_at_rest_that_they_count_from() -> None:
 
 @pytest.mark.slow
 def test_compiled_fits_come_to_the_same_optimum() -> None:
-    """All shapes are then settled side by side, by other steps: it is met as closely as told."""
+    """All shapes are then settled together, by other steps: the fit is met as closely as stated."""
     shapes = synthetic(small_arm(), HANGING, 1e-4, 3)
     found = [calibrate(small_arm(), HANGING, shapes, KNOWN, compile=by) for by in (False, "auto")]
     assert np.all(np.abs(found[0].array - found[1].array) <= OFFSET * found[0].std)
@@ -319,7 +319,7 @@ def test_a_tight_prior_is_as_good_as_a_number_that_is_known() -> None:
 
 
 def test_measured_places_lie_in_ellipsoids_where_standard_deviations_hold() -> None:
-    """Of those of a chi-square distribution of three degrees of freedom a half, then nearly all."""
+    """Half of the values of a chi-square distribution of three degrees, then nearly all."""
     arm, rng = small_arm(), np.random.default_rng(20261128)
     shapes = [replace(own, std=5e-4) for own in synthetic(arm, HANGING, 5e-4, 0)]
     found = calibrate(arm, HANGING, shapes, [E, DENSITY], absolute_std=True)
@@ -332,7 +332,7 @@ def test_measured_places_lie_in_ellipsoids_where_standard_deviations_hold() -> N
 
 
 def test_what_data_do_not_tell_makes_predictions_as_unsure_as_bounds_leave_them() -> None:
-    """Lengths tell modulus over density only, so that a shape under tensions may be anywhere."""
+    """Lengths determine modulus over density only: a shape under tensions is undetermined."""
     arm = small_arm()
     pulls = ([1.0, 0.2, 0.3], [0.3, 1.5, 0.2], [0.5, 0.5, 1.8])
     settled = [settle(arm, T, HANGING, 1e-7) for T in pulls]

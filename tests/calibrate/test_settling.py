@@ -18,7 +18,7 @@ def loaded(force: tuple[float, ...]) -> Scene:
     return Scene(Extension(), ExactTendons(), TipLoad(force=force))
 
 
-# Coarse meshes were said to be crushed (1, 24), or to jump (2, 25), from either beginning.
+# Coarse meshes were refused as crushed (1, 24), or as jumping (2, 25), from both initial guesses.
 @pytest.mark.parametrize(
     "seed",
     [1, 2, 24, 25]

@@ -1,6 +1,4 @@
-"""Random arms pulled against random obstacles, and whether a settled shape is an equilibrium there.
-
-By NumPy, from what is read off the shape."""
+"""Random arms pulled against random obstacles, and a NumPy test of equilibrium of the shape."""
 
 from __future__ import annotations
 
@@ -44,7 +42,7 @@ def _unit(rng: np.random.Generator) -> Array:
 
 
 def _obstacle(L: float, touch: Array, out: Array, rng: np.random.Generator) -> Obstacle:
-    """Return an obstacle of whose surface a point is given, with the normal out of it."""
+    """Return an obstacle through a surface point with a given outward normal."""
     size = L * float(np.exp(rng.uniform(np.log(0.03), np.log(0.3))))
     kind = rng.choice(["sphere", "capsule", "box", "half-space"])
     if kind == "sphere":
@@ -66,8 +64,8 @@ def _obstacle(L: float, touch: Array, out: Array, rng: np.random.Generator) -> O
 def query(seed: int) -> Query:
     """Return the query of a seed.
 
-    Obstacles stand where the free arm would be, clear of the arm at rest. What no obstacle is found
-    for, or does not settle alone, is drawn again.
+    Obstacles are placed on the free arm, clear of the arm at rest. Queries without such an
+    obstacle, or that do not settle alone, are drawn again.
     """
     rng = np.random.default_rng(seed)
     while True:
@@ -94,7 +92,7 @@ def query(seed: int) -> Query:
 
 
 def _around(arm: Arm, free, count: int, rng: np.random.Generator) -> tuple[Obstacle, ...]:  # type: ignore[no-untyped-def]
-    """Return obstacles, the first of them where the free arm would be."""
+    """Return obstacles, the first of which is placed on the free arm."""
     L, found = arm.length, list[Obstacle]()
     s = np.linspace(0, L, _LOOKS)
     radius = np.asarray(arm.outer_radius(s)[0])
@@ -120,9 +118,9 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 def complementarity(asked: Query, shape: Shape) -> float:
-    """Return by how much gap >= 0, force >= 0, gap times force = 0 fail, or forces lean.
+    """Return the violation of gap >= 0, force >= 0, gap times force = 0, and the lean of forces.
 
-    Gaps over the arm's length, forces over the largest.
+    Gaps are over the arm's length, forces over the largest one.
     """
     L, touches = asked.arm.length, shape.contacts
     s = np.append(np.linspace(0, L, _SEEN), [touch.s for touch in touches])
@@ -144,9 +142,9 @@ def complementarity(asked: Query, shape: Shape) -> float:
 
 
 def imbalance(asked: Query, shape: Shape) -> float:
-    """Return how far strains are from those that the wrench beyond asks for, over 1 / L or 1.
+    """Return the difference of strains from the strains of the wrench beyond, over 1 / L or 1.
 
-    At cross-sections that no part touches that lies on an obstacle.
+    The cross-sections are outside of parts that lie on an obstacle.
     """
     rod, L, touches = asked.rod, asked.arm.length, shape.contacts
     lying = [touch.s for touch in touches if touch.pressure]

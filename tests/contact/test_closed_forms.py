@@ -83,7 +83,7 @@ def _strip(length: float, EJ: float, force: float, center: np.ndarray, wide: flo
     """Return lift-off points a, b and end forces of a strip bent round a cylinder by its tip.
 
     Inextensible, clamped along x at the origin, a dead force down at the tip. In contact the
-    curvature is 1 / wide; M is continuous, so that the free parts begin with it.
+    curvature is 1 / wide; M is continuous at both ends of the free parts.
     """
 
     def left(Q: float, N: float, a: float) -> tuple[float, ...]:

@@ -1,13 +1,13 @@
 """An arm bent over a cylinder against PyElastica: a damped rod, its nodes pressed back by springs.
 
-PyElastica steps a staggered chain of elements through time until its damping brings it to rest,
+PyElastica steps a staggered chain of elements through time until damping brings the rod to rest,
 see tests.core.effects.test_dynamic_relaxation. Here each node that is inside of a cylinder by d is
-pressed back by k d, k as stiff as an element is along, and elements are the stiffer in shear the
-shorter they are, as the arm does not shear: all refine together towards the contact that settles
-here by complementarity. Nodes alone touch, so that orders are from one to two. Measured with 15,
-30 and 60 elements: midlines differ by 2.7e-3, 1.1e-3 and 3.1e-4 of the length where the arm
-touches at a point, by 2.2e-3, 5.2e-4 and 2.1e-4 where a part of it lies on the cylinder; forces by
-1.0e-2, 2.1e-3 and 5.7e-4, and by 2.4e-3, 2.8e-4 and 1.8e-4.
+pressed back by k d, with k equal to the axial stiffness of an element. Elements are stiffer in
+shear the shorter they are, because the arm has no shear: all refine together towards the contact by
+complementarity. Only nodes touch, so that orders are from one to two. Measured with 15, 30 and 60
+elements: midlines differ by 2.7e-3, 1.1e-3 and 3.1e-4 of the length for an arm that touches at a
+point, by 2.2e-3, 5.2e-4 and 2.1e-4 for an arm that lies on the cylinder; forces by 1.0e-2, 2.1e-3
+and 5.7e-4, and by 2.4e-3, 2.8e-4 and 1.8e-4.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Cylinder(elastica.NoForces):
 
 
 def relaxed(n: int, load: float) -> tuple[Array, Array]:
-    """Return the midline (16, 3) at rest with n elements [m], and what presses it (3,) [N]."""
+    """Return the midline (16, 3) at rest with n elements [m], and the contact force (3,) [N]."""
     t, d = np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0])
     h = LENGTH / n
     rod = elastica.CosseratRod.straight_rod(

@@ -1,4 +1,4 @@
-"""An arm that leans on things: complementarity, stiffness, stability, the way it came there."""
+"""An arm that leans on obstacles: complementarity, stiffness, stability, load path."""
 
 from typing import Any
 

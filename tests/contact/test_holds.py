@@ -24,7 +24,7 @@ FRICTION, ASIDE = 0.5, np.radians(15)
 
 
 def pressed() -> tuple[np.ndarray, np.ndarray]:
-    """Return the force on the arm, and the normal, where it leans on the rod under some pull."""
+    """Return the force on the arm, and the normal, at the contact with the rod under a tension."""
     [touch] = settle(ARM, [0.0, 0.6, 0.0, 0.0], SCENE, 1e-8).contacts
     return touch.force, touch.force / np.linalg.norm(touch.force)
 
@@ -70,7 +70,7 @@ def test_what_the_arm_presses_is_what_its_own_contacts_say(held: ContactPlan) ->
 
 
 def test_a_hold_reads_as_other_plans_do(held: ContactPlan) -> None:
-    """It was printed as the fields of its object."""
+    """The grip was printed as the fields of its object."""
     assert "tensions [N]" in str(held)
     assert held.outcome.split(":")[0] in str(held)
     assert "statement=" not in repr(held) + str(held)
@@ -93,7 +93,7 @@ def test_what_cannot_be_held_is_told_as_the_wrench_that_is_left() -> None:
 
 @pytest.mark.slow
 def test_a_hold_whose_friction_is_just_enough_is_an_optimum_at_the_edge_of_its_cone() -> None:
-    """Cones that were blunt by a thousandth of the wrench let it be missed by as much."""
+    """Cones with a tolerance of a thousandth of the wrench missed the wrench by as much."""
     p = plan(ARM, Hold(ROD, wrench(ASIDE), 0.28), SCENE, 50.0, starts=1)
     assert p.reached, p.outcome
     assert p.effort > 0.582
@@ -115,7 +115,7 @@ def test_a_moment_that_no_force_at_a_point_has_is_left_over_a_tenth_of_the_arm(
 
 
 def test_what_is_pressed_at_an_edge_balances_just_that_force() -> None:
-    """Normals were those of the surface there, which an edge has none of: forces were lost."""
+    """The normals of the surface are undefined at an edge: forces were lost."""
     box = Box((0.18, 0.0, -0.05), (0.04, 0.2, 0.04))
     shape = settle(
         ARM, [0.0, 0.6, 0.0, 0.0], Scene(Extension(), ExactTendons(), Contact(box)), 1e-8

@@ -1,4 +1,4 @@
-"""An arm that presses on itself: against a rod by SciPy, its balance by NumPy, what is refused."""
+"""An arm that presses on itself: against a rod by SciPy, balance by NumPy, refusals."""
 
 import numpy as np
 import pytest
@@ -24,9 +24,9 @@ def curled(pull: float, across: float = 0.0) -> np.ndarray:
 
 
 def rod(pull: float) -> tuple[float, float]:
-    """Return where the tip touches the nearer half [m], and the force [N].
+    """Return the contact of the tip on the nearer half [m], and the force [N].
 
-    A planar rod by initial values, straight along x up to where its tip presses: from there on
+    A planar rod by initial values, straight along x up to the contact; beyond,
     (E J + sum of y^2 T) kappa = sum of y T + f (x_tip - x), with the force f on the tip along -z.
     """
 
@@ -62,7 +62,7 @@ def test_the_tip_presses_on_the_arm_as_a_rod_by_scipy_does() -> None:
 
 @pytest.mark.slow
 def test_what_would_slip_past_itself_sideways_is_refused() -> None:
-    """In a plane it is an equilibrium, from which any push across leads away."""
+    """In a plane the shape is an equilibrium that is unstable under transverse forces."""
     with pytest.raises(UnsettledContactError, match="slip past each other"):
         settle(ARM, curled(3.0), SCENE, compile=True)
 

@@ -1,9 +1,10 @@
 """Contact is the limit of stiff springs: a loaded rod of NumPy and SciPy only.
 
 The oracle is an inextensible rod that bends and twists, clamped along x, under a dead force at its
-tip; where it is inside of a sphere or a half-space by d it is pressed back by k d^2 per length, and
-its tip by a spring of its own. As k grows this is contact. Solved as a boundary value problem by
-collocation."""
+tip. A part inside of a sphere or a half-space by d is pressed back by k d^2 per length, and the tip
+by another spring. As k grows the solution becomes contact. Solved as a boundary value problem by
+collocation.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class PenaltyRod:
-    """A round rod, the force at its tip, and what it is pressed on."""
+    """A round rod, the force at its tip, and its obstacle."""
 
     length: float
     radius: float
@@ -120,7 +121,8 @@ class PenaltyRod:
         return np.concatenate([clamp, tip[7:10], tip[10:13] - force])
 
 
-# Where springs are looked at between nodes, by what they grow, and the tip's over k [m].
+# Places between nodes at which springs act, growth of the springs, and the spring of the tip over k
+# [m].
 _INSIDE, _STEP, _TIP = (0.25, 0.5, 0.75), 10**0.5, 1e-3
 
 
@@ -128,7 +130,7 @@ LENGTH, RADIUS, E = 0.3, 0.006, 2e7
 
 
 def _limit(values: list[Array]) -> Array:
-    """Return what a sequence comes to whose steps shrink in proportion (Aitken)."""
+    """Return the limit of a sequence with steps in geometric progression (Aitken)."""
     first, second, third = values
     before, after = second - first, third - second
     safe = np.where(np.abs(before - after) > 1e-12, before - after, 1.0)

@@ -88,7 +88,7 @@ BOX = Box(
 
 @pytest.mark.slow
 def test_a_plan_that_begins_in_contact_lets_go_where_nothing_has_to_press() -> None:
-    """It ended where the arm touched without pressing, for more effort, and was not certified."""
+    """The search ended with a touch without force, for more effort, and was not certified."""
     arm, target = Arm.from_paper("table-2"), TipPosition((0.29957, 0.010395, 0.023342))
     p = plan(arm, target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
     assert p.reached, p.outcome
@@ -99,14 +99,14 @@ def test_a_plan_that_begins_in_contact_lets_go_where_nothing_has_to_press() -> N
 
 @pytest.mark.slow
 def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
-    """Tensions that crush the arm were its optimum, and its outcome was an error."""
+    """Tensions that crush the arm were the optimum, and the outcome was an error."""
     target = TipPosition((0.29957, 0.010395, 0.023342))
     p = plan(Arm.from_paper("table-4"), target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
     assert p.reached, p.outcome
 
 
 def test_a_tip_that_the_arm_meets_without_a_touch_is_planned() -> None:
-    """What is measured where the arm touches was sought at no place at all, and raised."""
+    """Quantities at the contacts were requested without a contact, which raised an error."""
     arm = bar(0.3, 0.006, 2e5)
     scene = Scene(Extension(), ExactTendons(), Contact(Sphere((0.15, 0.0, 0.2), 0.02)))
     tip = tuple(settle(arm, (0.0, 0.3, 0.0, 0.0), scene).tip.tolist())
@@ -117,7 +117,7 @@ def test_a_tip_that_the_arm_meets_without_a_touch_is_planned() -> None:
 
 @pytest.mark.slow
 def test_an_optimum_at_its_margin_that_the_arm_does_not_come_to_from_rest_has_a_load_path() -> None:
-    """From rest it leans on the ball's other side, under the same tensions: that counted as near.
+    """From rest the arm leans on the ball's other side under these tensions: this counted as near.
 
     Differences for the stability were 2 to 30 % off, by which steps crept along the margin.
     """

@@ -23,7 +23,7 @@ ARM = bar(0.3, 0.006, 2e5)
 ROD = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)
 SCENE = Scene(Extension(), ExactTendons(), Contact(ROD))
 T = np.array([0.05, 0.6, 0.0, 0.02])
-# More than half of the arm's: its derivatives count.
+# Stability margin: more than half of the arm's stability, so that its derivatives matter.
 LEAST = 0.9
 
 
@@ -45,7 +45,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
     start = replace(start, tangential=f)
 
     def rows(step: np.ndarray) -> np.ndarray:
-        """Return the numbers of all cones, and what the tangential forces add to them."""
+        """Return the numbers of all cones, and the contribution of the tangential forces."""
         at = program.at(scaled + step, begin, f)
         cones = at.cones
         x = np.zeros(cones[0][1].shape[1])

@@ -17,7 +17,7 @@ from tests.lengths.cases import check_complementary
 
 
 def ending(seed: int) -> str:
-    """Return what becomes of a query; "wrong" for a shape that is no equilibrium with contact."""
+    """Return the verdict on a query; "wrong" for a shape that is no equilibrium with contact."""
     asked = query(seed)
     try:
         shape = settle(asked.arm, asked.tensions, asked.scene, 1e-4)
@@ -51,7 +51,7 @@ def test_a_query_is_settled(seed: int) -> None:
     assert ending(seed) in ("touches", "free")
 
 
-# By steps as long as equilibria followed each other closely they came to the other side.
+# Equilibria that followed each other closely in long steps changed to the other side.
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [42030, 42067, 43030, 43124])
 def test_the_arm_comes_to_the_side_of_an_obstacle_that_short_steps_lead_to(seed: int) -> None:
@@ -85,7 +85,7 @@ def test_ends_and_end_force_of_a_strip_on_a_cylinder_converge_with_order_four_or
     assert (np.log2(coarse / fine) > 4).all()
 
 
-# Taken in without load steps they were told as not met.
+# Without load steps these lengths were reported as not met.
 @pytest.mark.slow
 def test_lengths_in_contact_are_met_by_load_steps() -> None:
     asked = query(9025)

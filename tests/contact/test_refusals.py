@@ -1,4 +1,4 @@
-"""What contact, friction, holds and wraps refuse."""
+"""Refusals of contact, friction, holds and wraps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coulomb friction between the settled arm and obstacles: closed forms, the cone, its history."""
+"""Coulomb friction between the settled arm and obstacles: closed forms, cone, history."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -34,7 +34,7 @@ def on_floor(tensions: list[float]) -> Shape:
 
 @pytest.mark.slow
 def test_a_tip_that_sticks_holds_all_that_tendons_would_move() -> None:
-    """Q = T along the bar, that keeps its length, and 3 m / 2 L across, m the tendon's moment."""
+    """Return Q = T along an inextensible bar, and 3 m / 2 L across, with the tendon's moment m."""
     tension = 0.02
     (touch,) = on_floor([tension, 0, 0, 0]).contacts
     m = tension * RADIUS / 2
@@ -63,9 +63,9 @@ def test_a_shape_that_rubs_says_that_load_steps_are_no_part_of_its_error() -> No
 
 
 def cone(shape: Shape, mu: float) -> float:
-    """Return by how much Coulomb's law fails: forces over the largest, lengths over the arm's.
+    """Return the violation of Coulomb's law: forces over the largest, lengths over the arm's.
 
-    By NumPy: how far each place has slipped is told by the shape before the last step.
+    By NumPy: the shape before the last step gives the slip of each place.
     """
     here = shape.equilibrium
     assert isinstance(here, ContactEquilibrium) and here.before is not None
@@ -126,7 +126,7 @@ RUBBING = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUBBING)
 def test_meshes_of_an_arm_that_rubs_differ_by_their_own_errors_alone(name: str) -> None:
-    """Finer ones took steps of their own, which changed more: it was refused after 20 s."""
+    """Finer meshes chose other steps, which changed more: the arm was refused after 20 s."""
     tensions, contact = RUBBING[name]
     scene = Scene(Extension(), contact)
     free = settle(ARM, np.zeros((3, 4)), scene)
@@ -171,10 +171,10 @@ CENTRE = np.array([0.12, -ROUND - 0.004])
 
 
 class Capstan(NamedTuple):
-    """A strip dragged over a cylinder, bent down by a dead force: what is told of it.
+    """A strip dragged over a cylinder, bent down by a dead force: results.
 
-    Where the part that lies begins [m], the angles on the cylinder of its ends [rad], the force
-    with which it presses as it begins and the force along the strip before that [N], the tip [m].
+    Start of the contact zone [m], the angles of its ends on the cylinder [rad], the normal force at
+    its start and the axial force before the start [N], the tip [m].
     """
 
     start: float
@@ -185,12 +185,12 @@ class Capstan(NamedTuple):
 
     @property
     def rubbed(self) -> float:
-        """The force along the strip just inside of where it begins to lie [N]."""
+        """Axial force of the strip just inside of the contact zone [N]."""
         return self.tension - MU * self.end_force
 
 
 def strip(refinement: int) -> Capstan:
-    """Return what the equations find, by the steps that the coarsest mesh takes."""
+    """Return the results of the equations, by the steps of the coarsest mesh."""
     arm, z = bar(LONG, WIDE, SOFT), CENTRE[1]
     cylinder = Capsule((CENTRE[0], -0.1, z), (CENTRE[0], 0.1, z), ROUND)
     own: tuple[Effect, ...] = (Extension(), ExactTendons(), TipLoad(force=(0, 0, -DOWN)))
@@ -213,19 +213,19 @@ def strip(refinement: int) -> Capstan:
 
 
 def capstan() -> Capstan:
-    """Return the same by SciPy: elasticas before and beyond, the part that lies in closed form.
+    """Return the results by SciPy: elasticas before and beyond, a closed form in the contact zone.
 
-    There the curvature per reference length is lambda / rho, lambda = 1 + (N - 4 T) / EA; so the
-    moment grows by the angle phi as EJ N_phi / (EA rho), the shear force is S = beta N_phi, beta =
-    EJ / (EA rho^2), the strip is pressed by N - S_phi per angle and slips all along:
+    In the zone the curvature per reference length is lambda / rho, lambda = 1 + (N - 4 T) / EA; so
+    the moment grows by the angle phi as EJ N_phi / (EA rho), the shear force is S = beta N_phi,
+    beta = EJ / (EA rho^2), the pressure is N - S_phi per angle, and all points slip:
 
         N_phi + S + mu (N - S_phi) = 0, N = c1 exp(l1 (phi - a)) + c2 exp(l2 (phi - b)).
 
-    Without bending it is the capstan's, l1 = -mu. The other part is a layer of angle 1 / l2, some
-    micrometres. Where the part begins a force P presses with friction mu P, and the strip leaves
-    the cylinder with less curvature than it; where it ends it cannot, as the strip would bend into
-    the cylinder: N, S, M go on there, and the layer is the force at the end. It is told by the
-    angle at which this acts, 1 / l2 before b.
+    Without bending l1 = -mu, as for a capstan. The other part is a layer of angle 1 / l2, some
+    micrometres. At the start of the zone a force P presses with friction mu P, and the strip leaves
+    the cylinder with less curvature. At the end this is impossible, because the strip would bend
+    into the cylinder: N, S, M are continuous, and the layer is the force at the end, which acts at
+    the angle 1 / l2 before b.
     """
     EA, EJ, rho = SOFT * np.pi * WIDE**2, stiffness(WIDE, SOFT), ROUND + WIDE
     beta = EJ / (EA * rho**2)
@@ -281,7 +281,7 @@ def capstan() -> Capstan:
 
 
 def off_capstan(refinement: int) -> tuple[float, float]:
-    """Return by how much a strip is off the capstan: its end force, and all else, relative."""
+    """Return the relative difference of a strip from the capstan: its end force, and the rest."""
     found, exact = strip(refinement), capstan()
     ratios = [
         found.start / exact.start,
@@ -315,7 +315,7 @@ def test_ends_and_forces_of_a_capstan_converge_to_1e_6_with_order_four_then_two(
 
 @pytest.mark.slow
 def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None:
-    """By differences; its last step alone was off by 60 %."""
+    """Stiffness agrees with differences; the last step alone was off by 60 %."""
     rod = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)
     scene = Scene(Extension(), ExactTendons(), Contact(rod, friction=MU))
     arm, T = bar(0.3, 0.006, 2e5), np.array([0.1, 0.8, 0.0, 0.0])

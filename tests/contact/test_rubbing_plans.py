@@ -1,4 +1,4 @@
-"""Plans of an arm that rubs on what it leans on: from the plan that it moves from."""
+"""Plans of an arm with contact friction, from the plan that the arm moves from."""
 
 import numpy as np
 import pytest
@@ -58,7 +58,7 @@ def test_a_motion_slips_to_a_place_against_friction_and_is_certified_on_its_way(
 
 @pytest.mark.slow
 def test_a_motion_from_rest_by_twelve_tendons_leans_and_slips_to_its_place() -> None:
-    """It was said to be out of reach, or came to no end."""
+    """The target was reported as out of reach, or the search did not end."""
     arm = Arm.from_paper("table-4")
     T = np.zeros((3, 4))
     T[2, :2] = 0.3, 3.0
@@ -80,7 +80,7 @@ def test_a_motion_that_takes_longer_than_it_may_says_so() -> None:
 
 
 def test_a_plan_that_ends_before_it_begins_to_slip_is_checked_where_the_arm_is() -> None:
-    """Its load path was empty: the certificate raised "not enough values to unpack"."""
+    """The load path was empty: the certificate raised "not enough values to unpack"."""
     stopped = plan(ARM, TipPosition((0.2, 0.1, 0.1)), RUBBING, 30.0, time_limit=1e-9)
     assert stopped.solution.stopped
     assert stopped.outcome.startswith("Stopped at the time limit")

@@ -1,4 +1,4 @@
-"""Plans in contact stand as well as they are asked to, and away from edges at which arms snap."""
+"""Plans in contact have the requested stability, and keep away from snaps at edges."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ARM = Arm(
     ),
     Material(3e5, 0.45, 1080.0),
 )
-# A column under two thirds of what it bears, that leans on a ball.
+# A column under two thirds of its critical load, leaning on a ball.
 SCENE = Scene(ExactTendons(), TipLoad((-0.05, 0, 0)), Contact(Sphere((0.2, -0.0365, 0), 0.025)))
 T = np.array([0.0, 0.1, 0.0, 0.24, 0.0, 0.0])
 ASKED = 0.305
@@ -35,7 +35,7 @@ ASKED = 0.305
 
 @pytest.fixture(scope="module")
 def plans() -> tuple[Plan, Plan]:
-    """Plans for a tip without a margin, and with one, from where the arm leans on the ball."""
+    """Return plans for a tip without and with a margin, with the arm on the ball."""
     target = TipPosition(tuple(settle(ARM, T, SCENE).tip.tolist()))
     clear = plan(ARM, target, SCENE, 20.0, starts=1, time_limit=1e-9)
     leaning = changed(clear, tensions=ARM.by_section(T))
@@ -60,7 +60,7 @@ def test_a_margin_is_held_in_contact_and_costs_effort(plans: tuple[Plan, Plan]) 
 
 @pytest.mark.slow
 def test_no_tensions_nearby_cost_less_and_stand_as_well(plans: tuple[Plan, Plan]) -> None:
-    """By differences of settled shapes: effort's gradient is one of tip and stability."""
+    """By differences of settled shapes: the gradient of effort is one of tip and stability."""
     held = plans[1]
     T, h = np.ravel(held.tensions), 1e-5
     pulls = np.flatnonzero(T > 1e-6)
@@ -88,7 +88,7 @@ def test_a_plan_with_a_margin_is_loaded_as_it_was_saved(
 
 @pytest.mark.slow
 def test_a_hold_stays_off_the_edge_where_a_place_lets_go_and_the_arm_snaps() -> None:
-    """The least effort was at no force, where on a finer mesh the arm did not stand."""
+    """The least effort was at zero force, but on a finer mesh the arm was unstable there."""
     arm, ball = Arm.from_paper("table-4"), Sphere((0.4075027, -0.0904322, 0.0460548), 0.0757196)
     wrench = (4.186256638e-05, 0.0014555021011, -0.0021133827302)
     scene = Scene(Contact(ball), ExactTendons(), Extension())
@@ -102,7 +102,7 @@ def test_a_hold_stays_off_the_edge_where_a_place_lets_go_and_the_arm_snaps() -> 
 def test_stability_of_an_arm_that_leans_is_the_same_by_the_whole_matrix(
     factor: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Reciprocals of contacts, 0 but for rounding, were told as eigenvalues of -1e16."""
+    """Reciprocals of contacts, 0 except for rounding, were reported as eigenvalues of -1e16."""
 
     def no_convergence(*_: object, **__: object) -> None:
         raise ArpackNoConvergence("", np.zeros(0), np.zeros(0))

@@ -14,8 +14,8 @@ from tests.contact.queries import Query, imbalance
 from tests.lengths.cases import check_complementary
 from tests.oracles import Rod, RodSection, linear
 
-# Without friction on a round bar the force's line meets the midline: a dead load there does the
-# same, whatever presses. Of the arms that settle so none knows an obstacle.
+# Without friction, the contact force on a round bar passes through the midline: a dead load there
+# has the same effect. Arms with these dead loads know no obstacle.
 ARM = bar(0.3, 0.006, 2e5)
 ROD = Capsule((0.2, -0.1, -0.07), (0.2, 0.1, -0.07), 0.05)
 LOADS = {
@@ -55,7 +55,7 @@ def test_what_is_touched_is_not_entered_and_pushes_outwards(obstacle: Obstacle) 
 
 
 def test_silicone_that_widens_to_its_tip_enters_nothing_on_either_side_of_a_touch() -> None:
-    """What presses leans, and lets stretch and radius jump: the wider side was inside by 25 nm."""
+    """The contact force leans; stretch and radius jump: the wider side was inside by 25 nm."""
     ends = (Anchorage(0.3, Linear(0.003, 0.0015)),)
     arm = replace(ARM, radius=Linear(0.006, 0.012), sections=ends)
     T = np.array([0.0, 1.0, 0.0, 0.0])
@@ -70,7 +70,7 @@ def test_silicone_that_widens_to_its_tip_enters_nothing_on_either_side_of_a_touc
 
 @pytest.mark.slow
 def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
-    """It was given up, and begun again at one of its ends, for as long as it pulled there."""
+    """The contact was dropped, and started again at one of its ends, without end."""
     scene = Scene(Extension(), ExactTendons(), Weight(), Contact(ROD))
     shape = settle(ARM, [0, 0.2, 0, 0], scene, 1e-9)
     ends = [min(own.s for own in shape.contacts), max(own.s for own in shape.contacts)]
@@ -80,7 +80,7 @@ def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
     assert (ROD.distance(shape.position(s)) - 0.006).min() > -1e-9 * ARM.length
     assert all(own.force[2] > 0 for own in shape.contacts)
     middle = shape.strain(np.mean(ends))
-    # The body's axis is bent as the rod's surface and its own radius bend it, where it lies.
+    # In the contact zone the axis is bent by the rod's surface and the arm's radius.
     assert np.linalg.norm(middle[:3]) == pytest.approx(1 / 0.056, rel=2e-2)
 
 
@@ -134,7 +134,7 @@ def test_lengths_of_a_leaning_arm_give_it_back(arm: Arm) -> None:
 
 
 def test_a_rod_makes_a_winch_pull_harder(arm: Arm) -> None:
-    """The same stroke takes more tension where the arm cannot bend as it would."""
+    """The same stroke requires more tension if the obstacle hinders the bend."""
     free = settle(arm, [0.0, 0.3, 0.0, 0.0], Scene(Extension(), ExactTendons()), 1e-8)
     lengths = free.tendon_lengths + np.array([1e-2, 0.0, 1e-2, 1e-2])
     leaning = settle(arm, scene=BY_LENGTHS, accuracy=1e-8, lengths=lengths)
@@ -150,7 +150,7 @@ PULLS = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.3, 3, 0, 0])
 
 @pytest.mark.slow
 def test_lengths_of_an_arm_that_touches_two_bodies_give_it_back() -> None:
-    """Steps along what lengths hardly feel went to kilonewtons, and to no end."""
+    """Steps along undetermined lengths reached kilonewtons, and did not end."""
     sphere = Sphere((0.153, -0.006, -0.095), 0.0285)
     plane = HalfSpace((0.224, -0.008, -0.206), (0.306, -0.069, 0.95))
     scene = Scene(Contact(sphere), Contact(plane), TipLoad((7e-4, -1.1e-3, -2.5e-3)))
@@ -167,7 +167,7 @@ SHEARED = Scene(Extension(), ExactTendons(), Contact(THIN_ROD), Shear())
 
 @pytest.mark.slow
 def test_an_arm_that_shears_passes_through_nothing_where_it_leans() -> None:
-    """A force at a point bent it by an angle there: it was inside by 4e-6 of its length."""
+    """A force at a point bent the arm by an angle: the arm was inside by 4e-6 of its length."""
     shape = settle(TABLE_4, PULLS, SHEARED)
     touches = shape.contacts
     assert len(touches) > 2
@@ -196,7 +196,7 @@ def test_what_presses_makes_up_for_the_angle_by_the_obstacle_s_curvature() -> No
 
 @pytest.mark.slow
 def test_a_shearing_arm_leans_on_a_thin_bead() -> None:
-    """The part that would lie on it is 1e-7 of the length long: it touches at a point."""
+    """The contact zone would be 1e-7 of the length long: the arm touches at a point."""
     arm, free, bent = Arm.from_paper("section-5.2"), Scene(ExactTendons(), Shear()), [0.3, 0, 0, 0]
     s, radius = 0.2, 0.002
     alone = settle(arm, bent, free, 1e-10)

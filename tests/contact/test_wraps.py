@@ -21,7 +21,7 @@ from tests.contact.cases import bar, stiffness
 
 L, R, E = 0.3, 0.006, 2e5
 ARM = bar(L, R, E)
-# Below the arm, across it; the arm at rest is a little off.
+# Below the arm, across it; the arm at rest has a small gap.
 ROD_RADIUS, OFF = 0.06, 2e-4
 ROD = Capsule((0.0, -0.1, -ROD_RADIUS - R - OFF), (0.0, 0.1, -ROD_RADIUS - R - OFF), ROD_RADIUS)
 SCENES = {"beside": Scene(), "in contact": Scene(Extension(), ExactTendons(), Contact(ROD))}
@@ -59,7 +59,7 @@ def capsule_distance(points: Array, rod: Capsule) -> Array:
 
 
 def random_wrap(seed: int) -> tuple[Arm, Wrap, Scene]:
-    """Return an arm of the paper, a part of it to lie along a tilted rod, and a scene."""
+    """Return an arm of the paper, a part that shall lie along a tilted rod, and a scene."""
     rng = np.random.default_rng(seed)
     arm = Arm.from_paper(("table-2", "section-5.2")[seed % 2])
     length = float(rng.uniform(0.25, 0.45)) * arm.length
@@ -151,7 +151,7 @@ def test_an_arm_that_leans_is_near_with_less_effort_and_verified() -> None:
 
 @pytest.mark.slow
 def test_an_arm_that_need_not_lean_keeps_clear_and_says_so(tmp_path: Path) -> None:
-    """Of 25 wraps in contact one in four was planned, in a minute: each time the arm just leant."""
+    """Of 25 wraps in contact one in four was planned, in a minute: the arm only leant."""
     p = plan(ARM, Wrap(ROD, length=0.2), SCENES["in contact"], 50.0)
     assert p.reached, p.outcome
     assert "leaning was not tried" in p.outcome
@@ -179,7 +179,7 @@ def test_the_outcome_tells_that_an_object_is_too_tight_for_the_limits() -> None:
 
 @pytest.mark.slow
 def test_what_curvature_allows_is_not_said_to_be_too_tight() -> None:
-    """Two neighbouring tendons bend the arm more than one of them alone."""
+    """Two neighbouring tendons bend the arm more than one of these alone."""
     rod, limit = Capsule((0.1, -0.1, -0.085), (0.1, 0.1, -0.085), 0.035), 2.0
     p = plan(ARM, Wrap(rod, length=0.1), Scene(), limit, starts=1)
     y, EJ = R / 2, stiffness(R, E)
@@ -214,11 +214,11 @@ def test_a_shape_beside_the_obstacle_does_not_settle_otherwise_than_alone() -> N
 @pytest.mark.quick("beside")
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_time_limit_is_one_for_all_the_plans_that_turns_take(scene: str) -> None:
-    """Each of them had a limit of its own."""
+    """Each wrap had a separate limit."""
     p = plan(ARM, Wrap(ROD, turns=0.25), SCENES[scene], 50.0, time_limit=1e-9)
     assert p.solution.stopped
     assert p.targets[0].turns == 0.25
-    # Of a search that was not at its end that was told all the same.
+    # These words were used although the search had not ended.
     assert "too tight" not in p.outcome
     assert "too slack" not in p.outcome
     assert "out of reach" not in p.outcome

@@ -43,7 +43,7 @@ SHORT = Arm(
     ),
     base_frame=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 )
-# Curved at rest, the tendons of its tip section at offsets of their own.
+# Curved at rest; the tendons of the tip section have different offsets.
 BENT_AT_REST = replace(
     SHORT,
     sections=(
@@ -71,7 +71,7 @@ SETTLING = {
 
 
 def gcc() -> str:
-    """Return the C compiler; skips the test where there is none."""
+    """Return the C compiler; skip the test without a compiler."""
     found = shutil.which("gcc")
     if found is None:
         pytest.skip("gcc is not installed")
@@ -116,7 +116,7 @@ class Library:
         return jacobian
 
     def without_results(self, T: Any) -> int:
-        """Return the code of a call that wants no more than it."""
+        """Return the code of a call that needs no other function."""
         return int(self._function("tip")(self._pointer(self._given(T)), None, None))
 
     def _call(self, name: str, T: Any, *results: Any) -> int:

@@ -1,4 +1,4 @@
-"""Exported C: compiles without a warning, says what Python says, asks the system for nothing."""
+"""Exported C compiles without a warning, agrees with Python, and needs no system calls."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_a_tension_that_is_no_number_is_told_in_any_scene(
 def test_code_of_tendons_that_run_in_curves_goes_through_its_steps_in_a_loop(
     tmp_path: Path,
 ) -> None:
-    """Its steps were written out, some hundred kilobytes each dozen: 9 s of the compiler."""
+    """Steps were unrolled, some hundred kilobytes each dozen: 9 s of the compiler."""
     arm, scene, T = SCENES["curved tendons"]
     sizes = []
     for accuracy in (1e-3, 1e-9):
@@ -160,7 +160,7 @@ def test_code_of_tendons_that_run_in_curves_goes_through_its_steps_in_a_loop(
 def test_a_finer_accuracy_gives_a_finer_mesh(tmp_path: Path) -> None:
     scene = SCENES["the paper's"][1]
     made = [export(TABLE_4, scene, tmp_path, BENT, a) for a in (1e-3, 1e-9)]
-    # Work arrays hold one step where strains are in closed form.
+    # Work arrays hold one step if strains have closed forms.
     assert made[0].static_bytes == made[1].static_bytes < 8192
     coarse, fine = (own.shape for own in made)
     assert coarse.s.size < fine.s.size

@@ -1,4 +1,4 @@
-"""octoplan export: its files, what it says, exit codes, and what is refused."""
+"""octoplan export: files, output, exit codes, and refusals."""
 
 from __future__ import annotations
 

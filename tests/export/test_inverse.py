@@ -38,7 +38,7 @@ START = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
 
 
 class Report(ctypes.Structure):
-    """What `arm_plan` tells of its search."""
+    """The report of `arm_plan` about its search."""
 
     _fields_ = [
         ("residual", ctypes.c_double),

@@ -1,4 +1,4 @@
-"""Tendons that rub in their sheaths: closed forms, and arms settled by SciPy."""
+"""Tendons with friction in their sheaths: closed forms, and arms settled by SciPy."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_one_tendon_in_a_plane_from_slack_to_taut(name: str, mu: float, way: int
 
 
 LENGTH = 0.3
-NODES = np.cos(np.pi * (np.arange(33) + 0.5) / 33)  # in (-1, 1), none of them an end
+NODES = np.cos(np.pi * (np.arange(33) + 0.5) / 33)  # in (-1, 1), excluding both ends
 
 
 def papers_tangent(shape: Shape, j: int, s: Array, strain: Array) -> Array:

@@ -142,11 +142,11 @@ def test_meshes_close_and_have_the_body_s_volume(shape: Shape, suffix: str, tmp_
     mesh = trimesh.load(save_mesh(shape, tmp_path / f"arm{suffix}"), force="mesh")
     assert mesh.is_watertight
     assert mesh.volume > 0
-    # By Pappus, a tube's volume is that of its sections along the deformed midline.
+    # By Pappus, the volume of a tube is the integral of its sections along the deformed midline.
     s = np.linspace(0.0, shape.arm.length, 401)
     path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(shape.position(s), axis=0), axis=1)))
     area = np.pi * shape.arm.radius.evaluate(s, shape.arm.length)[0] ** 2
-    # A neo-Hookean body keeps the volume that it has at rest.
+    # A neo-Hookean body keeps its volume at rest.
     along = s if shape.scene.has(NeoHookean) else path
     assert mesh.volume == pytest.approx(np.trapezoid(area, along), rel=0.01)
     near = np.linalg.norm(mesh.vertices - shape.tip, axis=1).min()

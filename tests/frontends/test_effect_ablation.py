@@ -1,4 +1,4 @@
-"""Effects switched off and on: names, what they change and cost, arms that do not settle."""
+"""Effects switched off and on: names, influence and cost, arms that do not settle."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ BENT = [[0, 0.05, 0, 0], [0, 0, 0.8, 0.3], [1.5, 0, 0, 0]]
 NO_PULL = np.zeros(12)
 PAPER = Scene(Extension())
 IN_WATER = Scene(Extension(), Weight(), Buoyancy())
-UPRIGHT = Weight((-9.81, 0.0, 0.0))  # the base's t is x: the arm stands on its base
+UPRIGHT = Weight((-9.81, 0.0, 0.0))  # t of the base is x: the arm stands on its base
 
 
 def switched(scene: Scene, accuracy: float = 1e-6) -> dict[str, Switch]:
-    """What switching the effects of a scene does to the bent arm, by name."""
+    """The change of the bent arm by switching the effects of a scene, by name."""
     return {s.effect: s for s in switch_effects(ARM, BENT, scene, accuracy, repeats=1)}
 
 

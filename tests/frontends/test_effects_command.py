@@ -1,4 +1,4 @@
-"""octoplan effects: its table, JSON, figure and exit codes."""
+"""octoplan effects: table, JSON, figure and exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time limits, Ctrl-C and threads: the best so far, at once, and nothing lost."""
+"""Time limits, Ctrl-C and threads: the best so far, at once, without losses."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_commands_end_at_their_time_limit(
     assert cli.main([command[0], "scene.toml", *command[1:], "--time-limit", "1e-6"]) == 1
     shown = capsys.readouterr()
     assert told in shown.out + shown.err
-    assert "out of reach" not in shown.out  # what was not searched to the end is not known to be
+    assert "out of reach" not in shown.out  # An unfinished search gives no certainty.
     assert not Path("c").exists()
 
 
@@ -187,7 +187,7 @@ def test_a_sweep_that_is_stopped_keeps_what_is_finished(
     assert "2 of 2 points" in capsys.readouterr().out
 
 
-# A process of its own: what threads break kills it.
+# A separate process: a fault of threads kills the process.
 TOGETHER = """
 import sys, threading, time
 import numpy as np

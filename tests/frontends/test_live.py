@@ -1,4 +1,4 @@
-"""The live page: what follows the handle, how it is drawn, and the page in a real browser."""
+"""The live page: responses to the handle, drawing, and the page in a real browser."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def session(scene: Scene = PAPER, target: Target | None = None, **options: Any) 
 
 
 def moved(hand: Session, *by: float) -> Array:
-    """Return the pose of a session's target moved by so much [m]."""
+    """Return the pose of a session's target moved by a vector [m]."""
     return hand.pose + np.array([0, 0, 0, 0, *by])
 
 
 def brought(hand: Session) -> Session:
-    """Return a session after as many steps as bring its arm nearer."""
+    """Return a session after a number of steps towards its target."""
     while hand.step():
         pass
     return hand
@@ -67,7 +67,7 @@ def test_the_arm_follows_before_there_is_a_plan_and_is_planned_once_it_rests() -
 @pytest.mark.quick("scene0")
 @pytest.mark.parametrize("scene", [PAPER, Scene.silicone(Weight(), Buoyancy())])
 def test_the_arm_is_dragged_to_where_the_plan_of_least_effort_is_as_well(scene: Scene) -> None:
-    """It ended in other shapes, of more effort, from which it leapt to the plan."""
+    """The session ended in other shapes, of more effort, and leapt to the plan."""
     hand = brought(session(scene))
     hand.settled()
     hand.pose = moved(hand, -0.02, 0.04, 0.02)
@@ -102,7 +102,7 @@ def test_out_of_reach_the_arm_goes_as_near_as_it_can_and_the_page_says_so() -> N
 
 @pytest.mark.slow
 def test_a_heavy_arm_goes_no_nearer_than_it_stands_and_the_page_says_so() -> None:
-    """In air it was led along shapes that do not stand, and crept there for half a minute."""
+    """In air the session followed unstable shapes, and took half a minute."""
     heavy = session(Scene.silicone(Weight()), TipPosition((0.3, 0.15, -0.1)), tension_max=10.0)
     more, steps = True, 0
     while more and steps < 100:
@@ -144,7 +144,7 @@ def test_obstacles_are_switched_and_kept_clear_of() -> None:
 
 
 def test_an_arm_with_discs_is_kept_clear_as_wide_as_these_are() -> None:
-    """Its body alone was."""
+    """Only the body of the arm was drawn."""
     arm, s = replace(ARM, hull=Linear(0.03, 0.01)), np.linspace(0.0, ARM.length, 301)
     shape, at = settle(ARM, T, PAPER), 0.6 * ARM.length
     off = 0.015 + 0.003 + float(ARM.outer_radius(np.array([at]))[0][0])
@@ -172,7 +172,7 @@ def test_poses_and_planes_are_followed_too(kind: str, scene: Scene) -> None:
 
 @pytest.mark.parametrize("section", [1, 2, 3])
 def test_a_bend_is_followed_by_the_tendons_that_its_target_lets_pull(section: int) -> None:
-    """Those of all sections pulled, which the plan then let go of."""
+    """Tendons of all sections pulled, and the plan then released them."""
     hand = brought(session(PAPER, BendingPlane(2.0, 1.2, section)))
     assert hand.is_there
     assert hand.shape is not None

@@ -24,7 +24,7 @@ from tests.oracles import Array
 
 
 def on_screen(client: Any, place: Array, size: tuple[int, int]) -> Array:
-    """Return where a browser of a size shows a place [pixels]."""
+    """Return the place of a point in a browser of a given size [pixels]."""
     camera = client.camera
     forward = np.array(camera.look_at) - camera.position
     forward /= np.linalg.norm(forward)
@@ -37,7 +37,7 @@ def on_screen(client: Any, place: Array, size: tuple[int, int]) -> Array:
 
 
 def turns_to(viewer: Any, top: Colour) -> bool:
-    """Return whether the background takes a colour at its top, within 60 screenshots."""
+    """Return whether the top of the background shows a colour within 60 screenshots."""
     for _ in range(60):
         seen = Image.open(io.BytesIO(viewer.screenshot())).convert("RGB")
         if np.abs(np.subtract(seen.getpixel((2, 2)), top)).max() <= 8:
@@ -141,7 +141,7 @@ def test_the_server_ends_with_its_last_browser_though_a_plan_is_searched_for(
 
 
 def address(port: int) -> str:
-    """Return where a page is, once it is served."""
+    """Return the address of a page after the server started."""
     for _ in range(600):
         with suppress(OSError), socket.create_connection(("localhost", port), timeout=1.0):
             return f"http://localhost:{port}"

@@ -1,4 +1,4 @@
-"""Loads of exported arms: MuJoCo simulates them, other formats refuse or name them."""
+"""Loads of exported arms: MuJoCo simulates loads, other formats refuse or name loads."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def random_case(seed: int) -> tuple[Arm, Any, Scene]:
 
 
 def simulated(model: Any, seconds: float, controls: Any = None) -> tuple[Any, float]:
-    """Return the data after a simulation from the keyframe, and how far a body went [m].
+    """Return the data after a simulation from the keyframe, and the largest motion of a body [m].
 
     Places of bodies are compared every 20 ms.
     """
@@ -116,7 +116,7 @@ SINGLE = {
 @quiet
 @pytest.mark.parametrize("loads", SINGLE.values(), ids=SINGLE)
 def test_chain_follows_other_tensions_and_loads(loads: tuple[Effect, ...]) -> None:
-    """Springs that stood in for a load would keep the arm where that load had bent it.
+    """Springs in place of a load would keep the arm in its loaded shape.
 
     A chain turns at nodes, so that anchorages inside of the arm are off by half a link: tendons to
     the tip pull.
@@ -178,7 +178,7 @@ point_loads = [{ s_mm = 200.0, force = [0.0, 0.01, -0.005] }]
 
 @pytest.mark.slow
 def test_command_writes_a_keyframe_that_stays(tmp_path: Path) -> None:
-    """It fell by 161 of 300 mm."""
+    """The arm fell by 161 of 300 mm."""
     scene = tmp_path / "arm.toml"
     scene.write_text(SCENE)
     argv = ["export", str(scene), "--what", "mjcf", "--to", str(tmp_path), "--links", "12"]

@@ -1,4 +1,4 @@
-"""The mistakes of the first ten minutes: each ends with 2 and a line on what to write instead."""
+"""Mistakes of the first ten minutes: each ends with code 2 and one line with the remedy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TARGET = "[target]\ntype = 'tip-position'\nposition_mm = [200, 150, -200]\n"
 LIMITS = "[limits]\ntension_max = 20\n"
 OWN = "[arm]\nlength_mm = 300\nradius_mm = [10, 5]\n"
 
-# What is in the file; what the message has to say.
+# Contents of the file; parts of the message.
 FILES: dict[str, tuple[str, str]] = {
     "empty": ("", "arm: missing; `octoplan new --kind plan FILE` writes"),
     "key misspelt": (
@@ -376,7 +376,7 @@ def test_rounded_frames_are_frames(tmp_path: Path) -> None:
 def test_a_stiffness_can_be_asked_for_without_a_shape(
     table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It used to end in an error of CasADi's: no place on the arm was looked at."""
+    """The call ended in an error of CasADi: the target had no place on the arm."""
     path = tmp_path / "mine.toml"
     path.write_text(
         "accuracy = 1e-4\n[arm]\npreset = 'section-5.2'\n[effects]\nextension = true\n[limits]\n"

@@ -1,4 +1,4 @@
-"""Results in consoles and notebooks: they fit a screen, and bring their figure."""
+"""Results in consoles and notebooks fit a screen, and contain their figure."""
 
 from __future__ import annotations
 

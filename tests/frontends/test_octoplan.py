@@ -268,7 +268,7 @@ def test_two_exports_do_not_share_a_folder(
     assert {path.name: path.read_bytes() for path in to.iterdir()} == before
 
 
-# What is in the file, the command, and what is said of it with exit code 1.
+# Contents of the file, the command, and the message with exit code 1.
 UNSOLVED: dict[str, tuple[str, list[str], str]] = {
     "tensions that crush the arm": (
         SCENE.replace("[[0.3, 0.2, 0.0, 0.1]]", str([9] * 4)),

@@ -1,4 +1,4 @@
-"""Plans and shapes in files: what is written is what is read, and bad files are told."""
+"""Plans and shapes in files: files are read as written, and bad files are refused."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_certificates_in_files_are_not_believed(reached: Plan, tmp_path: Path) -
 
 
 MISSING = object()
-# Where a plan's file is spoilt, with what, and what is told.
+# Place and content of a fault in a plan's file, and the message.
 BROKEN: dict[str, tuple[tuple[Any, ...], Any, str]] = {
     "another file": (("schema",), "octoplan shape 1", "schema = 'octoplan sh"),
     "another version": (("schema",), "octoplan plan 2", "use the version of octoplan that saved"),

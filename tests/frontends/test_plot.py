@@ -1,4 +1,4 @@
-"""Figures of plans, shapes and motions show what they say."""
+"""Figures of plans, shapes and motions contain their parts."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def three_d() -> Any:
 
 
 def panels(figure: Figure) -> dict[str, Any]:
-    """Return the axes of a figure by the label that tells them apart."""
+    """Return the axes of a figure by their distinct labels."""
     found = {}
     for ax in figure.axes:
         found[ax.get_ylabel() if ax.name == "3d" or ax.get_ylabel() else ax.get_xlabel()] = ax
@@ -177,7 +177,7 @@ def test_a_figure_of_a_plan_is_1100_pixels_wide_and_small(fetch: Plan, tmp_path:
 
 
 def test_two_plans_in_one_axes_have_one_scale_of_colours(shape: Shape) -> None:
-    """The second scale used to end at its own largest tension."""
+    """The second scale ended at the largest tension of its own section."""
     ax = three_d()
     soft = settle(shape.arm, 0.1 * shape.tensions, PAPER)
     for one in (shape, soft):
@@ -192,7 +192,7 @@ def test_two_plans_in_one_axes_have_one_scale_of_colours(shape: Shape) -> None:
 @pytest.mark.quick("scene0")
 @pytest.mark.parametrize("scene", [Scene(Extension(), ExactTendons()), Scene.silicone()])
 def test_an_arm_that_leans_is_not_drawn_as_passing_through(scene: Scene) -> None:
-    """The lower bound of its clearance is below 0 by what that bound leaves open."""
+    """The lower bound of the clearance is below 0 by the uncertainty of the bound."""
     rod = Capsule((0.1, -0.05, -0.06), (0.1, 0.05, -0.06), 0.02)
     tensions = [[0] * 4, [0, 1.0, 0, 0], [0, 3.0, 0, 0]]
     leaning = settle(Arm.from_paper("table-4"), tensions, scene + Contact(rod))

@@ -1,4 +1,4 @@
-"""Scene files: each thing that a script can ask has a key, and the schema knows the same keys."""
+"""Scene files: each argument of a script has a key, and the schema has the same keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM at any moment: the exit code and the files that --help tells of."""
+"""Ctrl-C and SIGTERM at any moment: exit code and files as documented by --help."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ stop = 120.0
 count = 20
 """
 C_FILES = {"Makefile", "main.c", "scene.c", "scene.h", "test_vector.h"}
-# What each command writes: all of it, or nothing.
+# Files of each command: all are written, or none.
 COMMANDS: dict[str, tuple[list[str], set[str]]] = {
     "plan": (["scene.toml", "--out", "out"], {"plan.csv", "plan.json", "plan.png", "shape.csv"}),
     "settle": (["scene.toml", "--out", "out"], {"shape.csv", "shape.json", "shape.png"}),
@@ -45,19 +45,19 @@ COMMANDS: dict[str, tuple[list[str], set[str]]] = {
     "export": (["scene.toml", "--to", "out"], C_FILES),
     "sweep": (["sweep.toml", "--out", "out/a.nc"], {"a.nc"}),
 }
-# The slowest of the commands takes about so long from when it has begun [s].
+# Duration of the slowest command from its start [s].
 ENDS = 4.0
 
 
 def ended(command: str, number: signal.Signals, after: float, folder: Path) -> int:
-    """Return the exit code of a command that is sent a signal; check what it said and wrote."""
+    """Return the exit code of a command that is sent a signal; check messages and files."""
     (folder / "scene.toml").write_text(SCENE)
     (folder / "sweep.toml").write_text(SWEEP)
     if command == "sweep":
         (folder / "out").mkdir(exist_ok=True)
     argv, files = COMMANDS[command]
     begun = folder / "begun"
-    # It has begun when signals are handled: the next step is the import of the command line.
+    # The command has started when signals are handled: the next step imports the command line.
     begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; "
     begin += "sys.addaudithook(lambda event, of: event == 'import' "
     begin += (
@@ -113,7 +113,7 @@ sys.exit(octoplan.main())
 
 
 def test_what_was_written_before_a_signal_is_told(tmp_path: Path) -> None:
-    """Used to say that nothing was written."""
+    """The message was that nothing was written."""
     (tmp_path / "scene.toml").write_text(SCENE)
     command = [sys.executable, "-c", LAST, "settle", "scene.toml", "--out", "out"]
     there = {**os.environ, "PYTHONPATH": str(ROOT)}

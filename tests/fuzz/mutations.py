@@ -1,4 +1,4 @@
-"""Scene, sweep and plan files with mistakes in them: mutations of sound ones, from a seed."""
+"""Scene, sweep and plan files with mistakes: mutations of valid files, from a seed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def number(rng: np.random.Generator, text: str) -> str:
 
 
 def nearby(rng: np.random.Generator, text: str) -> str:
-    """Change a number by up to some ten times, or its sign."""
+    """Change a number by a factor up to ten, or its sign."""
     found = list(_NUMBER.finditer(text))
     if not found:
         return text
@@ -75,14 +75,14 @@ def without(rng: np.random.Generator, text: str) -> str:
 
 
 def twice(rng: np.random.Generator, text: str) -> str:
-    """Say a line twice, the second time anywhere."""
+    """Repeat a line at a random place."""
     lines = text.split("\n")
     lines.insert(int(rng.integers(len(lines) + 1)), lines[rng.integers(len(lines))])
     return "\n".join(lines)
 
 
 def misspelt(rng: np.random.Generator, text: str) -> str:
-    """Change one letter, or leave it out."""
+    """Change or delete one letter."""
     i = int(rng.integers(max(len(text), 1)))
     return (
         text[:i] + str(rng.choice(["", "x", "_", "=", "[", '"', "\n", "é", "\x00"])) + text[i + 1 :]
@@ -161,7 +161,7 @@ def _places(value: Any) -> list[tuple[Any, Any]]:
 
 
 def plan_file(seed: int) -> bytes:
-    """Return the text of a plan file with some values in it changed, left out, or text spoilt."""
+    """Return the text of a plan file with some values changed or deleted, or a spoilt text."""
     rng = np.random.default_rng(seed)
     table = json.loads(_plan_text())
     for _ in range(rng.integers(1, 4)):

@@ -22,7 +22,7 @@ CODES = {0, 1, 2}
 
 
 def ending(kind: str, seed: int, folder: Path) -> tuple[int, float]:
-    """Return with which code a file ends, after how long [s]; whatever else happens is raised."""
+    """Return the exit code of a file and the time [s]; raise all other errors."""
     name = "file.json" if kind == "plan" else "file.toml"
     (folder / name).write_bytes(WRITTEN[kind](seed))
     begin, said = time.monotonic(), io.StringIO()
@@ -57,7 +57,7 @@ def _used(kind: str, seed: int, file: str, out: Path) -> int:
 
 
 def _check_files(folder: Path, name: str, code: int) -> None:
-    """Check that there is nothing but the file and results, these whole; and take these away."""
+    """Check that only the file and complete results exist, and remove the results."""
     left = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*")}
     allowed = {name, "out"}
     assert all(path in allowed or path.startswith("out/") for path in left), left

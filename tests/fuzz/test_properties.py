@@ -1,4 +1,4 @@
-"""Any arm, scene, tensions, targets: a finite answer within its accuracy, or an error of ours."""
+"""Any arm, scene, tensions, targets: a finite result within its accuracy, or an OctoplanError."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from octoplan.model.support.progress import OutOfTime, time_limit
 from octoplan.planner import plan, stiffness
 from octoplan.planner.targets import Backbone, BendingPlane, Target, TipPosition
 
-# Numbers as users have them, and as no user has them.
+# Usual numbers, and numbers that no user has.
 ANY = st.one_of(
     st.floats(allow_nan=True, allow_infinity=True),
     st.sampled_from([0.0, -0.0, 5e-324, 1e-300, 1e308, -1e308, float("nan"), float("inf")]),
@@ -35,7 +35,7 @@ BASIC = settings(
 
 @st.composite
 def arms(draw: st.DrawFn) -> Arm:
-    """An arm of up to four sections, most of them sound, some of them not."""
+    """Draw an arm of up to four sections, most of them valid."""
     L = draw(st.floats(0.05, 1.0))
     R = draw(st.floats(0.01, 0.1)) * L
     n = draw(st.integers(1, 4))
@@ -78,7 +78,7 @@ def any_tensions_settle_or_are_refused(
 
 
 def force(arm: Arm, share: float) -> float:
-    """Return a pull that is a share of what crushes the tip [N]."""
+    """Return a tension that is a fraction of the crushing force of the tip [N]."""
     R = float(arm.radius.evaluate(np.array([arm.length]), arm.length)[0][0])
     return share * arm.material.E * np.pi * R**2
 
@@ -94,13 +94,13 @@ def moderate_pulls_have_a_compliance_that_is_symmetric(
         return
     size = np.repeat([arm.length, 1.0], 3)
     scaled = k.compliance / np.outer(size, size)
-    # Tendons along their reference tangents have no energy: they are off by the order of T / EA.
+    # Tendons along their reference tangents have no energy: the error is of the order of T / EA.
     allowed = 1e-5 if scene.has(ExactTendons) else 0.05
     assert np.abs(scaled - scaled.T).max() <= allowed * np.abs(scaled).max()
 
 
 def targets_of(arm: Arm, numbers: list[float], kind: int) -> Target:
-    """Return a target of some kind, near the arm or far off it."""
+    """Return a target of some kind, near the arm or far from the arm."""
     L = arm.length
     if kind == 0:
         return TipPosition(tuple(L * x for x in numbers[:3]))

@@ -28,7 +28,7 @@ from tests.oracles import Array, Rod
 from tests.random_arms import DENSITY, random_arm, random_pulls
 
 WATER, G = 1000.0, 9.81
-# Of arms with so many anchorages or more this share are asked to fetch.
+# Least number of anchorages for a fetch, and the fraction of fetches among these arms.
 _FETCHES, _SHARE_OF_FETCHES = 3, 0.25
 
 
@@ -93,7 +93,7 @@ def bent_by_the_outer_tendons(
 
 
 def fetch_of(shape: Shape) -> Fetch:
-    """Return the three bends of a shape, each seen in the frame in which its stretch begins."""
+    """Return the three bends of a shape, each in the frame at the start of its part."""
     ends, bends = stretches(shape.arm), []
     frames = shape.frame(np.array(ends))
     for start, end in pairwise(frames):
@@ -121,7 +121,7 @@ def target_of(shape: Shape, rng: np.random.Generator) -> Target | tuple[Target, 
 
 
 def question(seed: int) -> Question:
-    """Return the question of a seed; arms that do not bear what is drawn are drawn again."""
+    """Return the question of a seed; arms that do not bear the drawn loads are drawn again."""
     rng = np.random.default_rng(seed)
     while True:
         arm, rod = random_arm(rng, 2.0, 5, 6)
@@ -137,9 +137,9 @@ def question(seed: int) -> Question:
 
 
 def gap(asked: Question, found: Plan) -> float:
-    """Return how far SciPy's shape under a plan's tensions is from the plan's, over the length.
+    """Return the distance of SciPy's shape under a plan's tensions from the plan's shape over L.
 
-    It is integrated from the plan's tip to the base, which has to come out where it is clamped.
+    The shape is integrated from the plan's tip to the base, and must end at the clamp.
     """
     rod, T, loads = asked.rod, np.ravel(found.tensions), asked.loads
     by_energy = asked.statics in ("exact", "silicone")
@@ -154,7 +154,7 @@ def gap(asked: Question, found: Plan) -> float:
 
 
 def ending(seed: int) -> str:
-    """Return what becomes of a question; "wrong" for a plan that is claimed and does not hold."""
+    """Return the verdict on a question; "wrong" for a certified plan that is not valid."""
     asked = question(seed)
     found = plan(asked.arm, asked.target, asked.scene, time_limit=20.0)
     if found.reached and gap(asked, found) > 1e-4:
@@ -176,7 +176,7 @@ def test_many_random_questions_are_answered_rightly() -> None:
 
 @pytest.mark.slow
 def test_a_shape_that_topples_is_held_by_tendons_against_each_other() -> None:
-    """None of the optima stood; the plan was not certified, and off by 2.9 rad."""
+    """All optima were unstable; the plan was not certified, and off by 2.9 rad."""
     asked = question(21)
     bent = BendingPlane(angle=1.509, bend=0.66, section=1)
     found = plan(asked.arm, bent, asked.scene, accuracy=1e-3)

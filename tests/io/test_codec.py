@@ -66,7 +66,7 @@ def read_again(raw: dict[str, Any]) -> Any:
 
 
 def swept(arm: Arm, scene: Scene, **more: Any) -> Any:
-    """Return the question at the point of a sweep of one point, which its schema allows."""
+    """Return the question at the point of a sweep of one point, valid by its schema."""
     axes = {"arm.nu": [arm.material.nu]}
     sweep = sweep_of(arm, axes, scene, **more)
     SCHEMA.validate(json.loads(json.dumps(sweep.job.scene)))
@@ -117,7 +117,7 @@ def test_an_obstacle_is_written_and_read_again(kind: type, data: st.DataObject) 
         questions = [read_again(scene_table(ARM, **given))]
         questions += [swept(ARM, Scene(), **given)] if "target" in given else []
     except InputError as reason:
-        assert "obstacles" in str(reason)  # it is in the way of the base or the target
+        assert "obstacles" in str(reason)  # the obstacle covers the base or the target
         return
     for question in questions:
         (found,) = question.options["obstacles"]
@@ -188,7 +188,7 @@ class Magnet({base}):
 {package}.__all__.append("Magnet")
 import octoplan.planner.frontends.io.scene_tables
 """
-# What is public in each package, and what it derives from, if from anything.
+# Public names of each package, and their base classes.
 PUBLIC = {
     "octoplan.model.effects": "octoplan.model.effects.Effect",
     "octoplan.model.extensions.obstacles": "octoplan.model.extensions.obstacles.Obstacle",
@@ -199,7 +199,7 @@ PUBLIC = {
 @pytest.mark.quick("octoplan.model.effects")
 @pytest.mark.parametrize("package", PUBLIC)
 def test_a_public_value_that_cannot_be_written_is_an_error_at_import(package: str) -> None:
-    """The packages export it before the tables are made, which are then refused."""
+    """The packages export the value before the tables are made, which are then refused."""
     first = "import sys, types; root = types.ModuleType('octoplan.planner'); "
     first += f"root.__path__ = [{str(ROOT / 'planner')!r}]; sys.modules['octoplan.planner'] = root"
     code = f"{first}\n{NEW.format(base=PUBLIC[package], package=package)}"

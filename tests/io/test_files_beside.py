@@ -1,4 +1,4 @@
-"""Files that a scene names, objects in its keys, and the files that octoplan new writes."""
+"""Files that a scene names, objects in scene keys, and the files of octoplan new."""
 
 from __future__ import annotations
 

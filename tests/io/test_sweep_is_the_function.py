@@ -1,4 +1,4 @@
-"""A sweep of one point gives what the function itself gives, to the last bit, in random scenes."""
+"""A sweep of one point equals the function itself, to the last bit, in random scenes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
         assert str(reason)[:40] in str(found.outcome.values[0])
         return
     assert found.settled.values.all(), found.outcome.values
-    # It used to differ in the last digit of one arbitrary number in fifty, by millimetres.
+    # Results differed in the last digit of one arbitrary number in fifty, due to millimetres.
     assert np.array_equal(found.tip.values[0], alone.tip)
 
 

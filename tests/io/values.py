@@ -1,6 +1,6 @@
-"""Random values of every public effect, target and obstacle, found by what the packages export.
+"""Random values of every public effect, target and obstacle, found by the exports.
 
-Each argument is drawn by its annotation; those whose annotation does not say enough by name.
+Each argument is drawn by its annotation, or by its name if the annotation is not sufficient.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _drawn(kind: type, name: str, hint: Any) -> SearchStrategy[Any]:
 
 
 def values_of(kind: type) -> SearchStrategy[Any]:
-    """Return a strategy for values of a class: only what the class takes."""
+    """Return a strategy for valid values of a class."""
     hints = get_type_hints(kind)
     names = list(inspect.signature(kind).parameters)
     drawn = [_drawn(kind, name, hints[name]) for name in names]

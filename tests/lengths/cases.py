@@ -22,7 +22,7 @@ from tests.core.model.cases import arm_of, random_rod
 
 EXACT = Scene(Extension(), ExactTendons())
 _SILICONE = (Extension(), ExactTendons(), NeoHookean())
-# Scenes in which a tendon's pull is what shortens it: one shape has given lengths.
+# Scenes in which only a tendon's tension shortens the tendon: lengths determine the shape.
 SCENES = {
     "inextensible": Scene(ExactTendons()),
     "exact": EXACT,
@@ -33,7 +33,7 @@ SCENES = {
     "current": Scene(*_SILICONE, Current((0.0, 0.05, 0.0))),
     "friction": Scene(*_SILICONE, Friction(0.1)),
 }
-# Where the tangent is the paper's, or a follower acts, it is no energy that is least.
+# With the paper's tangent, or with a follower, no energy is minimal.
 PAPER = {
     "paper": Scene(Extension()),
     "paper in water": Scene(Extension(), Weight(), Buoyancy(1000.0)),
@@ -49,7 +49,7 @@ def cylinder(sections: tuple[float, ...], y: float = 4e-3, R: float = 8e-3) -> A
 
 
 def pulled(rng: np.random.Generator, name: str, slack: float = 0.4) -> tuple[Arm, Array]:
-    """Return an arm and tensions of which a share is none: of the paper, or "random"."""
+    """Return an arm and tensions, a fraction of which is 0; the arm is the paper's, or "random"."""
     if name != "random":
         arm = Arm.from_paper(name)
         T = rng.uniform(0, 1, 12) * np.repeat(_PULLS[name], 4)
@@ -66,9 +66,9 @@ def pulled(rng: np.random.Generator, name: str, slack: float = 0.4) -> tuple[Arm
 def round_trip(
     rng: np.random.Generator, arm: Arm, T: Array, scene: Scene, accuracy: float = 1e-9
 ) -> tuple[Shape, Shape] | None:
-    """Return the shape under tensions and that by its lengths, slack tendons longer at random.
+    """Return the shape under tensions and the shape by its lengths, slack tendons random.
 
-    None where the arm does not settle under the tensions.
+    Return None if the arm does not settle under the tensions.
     """
     try:
         given = settle(arm, T, scene, accuracy)
@@ -79,7 +79,7 @@ def round_trip(
 
 
 def check_complementary(shape: Shape, tolerance: float = 1e-10) -> None:
-    """Assert that tendons are as long as their winches leave, or slack without tension."""
+    """Assert that tendons have the lengths of their winches, or are slack without tension."""
     assert shape.winches is not None
     left = shape.winches.slack_lengths(shape.tendon_lengths, shape.tensions)
     L = shape.arm.length

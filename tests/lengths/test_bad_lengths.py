@@ -1,4 +1,4 @@
-"""Lengths that are not allowed, or that no shape has: told by name, with what is allowed."""
+"""Lengths that are not allowed, or that no shape has, are refused by name."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ REFUSED: Refused = {
         )
         for i, (field, allowed, options) in enumerate(STROKES)
     },
-    # Two tendons against each other cannot both be shorter than the arm that keeps its length.
+    # Antagonists cannot both be shorter than an inextensible arm.
     "no shape": (
         lambda: settle(cylinder((0.2,)), scene=INCOMPRESSIBLE, lengths=[0.19, 0.3, 0.2, 0.3]),
         "lengths[0] (T_11)",

@@ -17,7 +17,7 @@ BARE = Scene(ExactTendons())
 
 
 def test_one_tendon_bends_an_inextensible_arm_into_an_arc() -> None:
-    """l = L (1 - y k): the lengths alone say the curvature, E J k = T y the tension."""
+    """l = L (1 - y k): the lengths determine the curvature, E J k = T y the tension."""
     arm, taken = cylinder((L,)), 6e-3
     shape = settle(arm, scene=BARE, lengths=[L - taken, L + 1, L + 1, L + 1], accuracy=1e-10)
     k = taken / L / Y
@@ -79,10 +79,10 @@ def test_a_tendon_of_its_own_length_lets_the_other_go_slack() -> None:
 
 
 def test_tendons_against_each_other_pull_the_least() -> None:
-    """On a straight arm that does not shorten, lengths say nothing of T1 = T3: it is 0."""
+    """On a straight inextensible arm, lengths do not determine T1 = T3: the result is 0."""
     arm = cylinder((L,))
     shape = settle(arm, scene=BARE, lengths=[L, L, L, L])
-    # Rounding of the lengths, over how little winches give where nothing else does.
+    # Rounding of the lengths, over the smallest compliance of winches.
     assert np.all(shape.tensions <= 1e-4)
     assert set(shape.undetermined) == {"T_11", "T_12", "T_13", "T_14"}
     bent = settle(arm, scene=BARE, lengths=[L - 4e-3, L, L + 4e-3, L])
@@ -112,7 +112,7 @@ def test_a_tendon_holds_a_column_that_would_buckle() -> None:
 
 
 def test_friction_takes_what_the_motor_pulls_more() -> None:
-    """An arc of theta: T(s) = T0 exp(-mu k s), and the shape has to be as long all the same."""
+    """An arc of theta: T(s) = T0 exp(-mu k s), and the shape must have the given lengths."""
     arm, mu = cylinder((L,)), 0.3
     lengths = [L - 6e-3, L + 1, L + 1, L + 1]
     smooth = settle(arm, scene=BARE, lengths=lengths, accuracy=1e-6)
@@ -143,7 +143,7 @@ def test_lengths_at_rest_take_no_tension_at_all() -> None:
 @pytest.mark.quick("paper")
 @pytest.mark.parametrize("scene", [Scene(Extension()), EXACT], ids=["paper", "exact"])
 def test_a_tendon_is_as_long_as_the_curve_through_its_holes(scene: Scene) -> None:
-    """Chords between u + y (n cos + b sin), where offsets taper: twice as many err by a quarter."""
+    """Chords between u + y (n cos + b sin) with tapered offsets: twice as many err by a quarter."""
     arm, T = Arm.from_paper("table-4"), np.zeros(12)
     T[[2, 5, 10]] = 0.3, 1.0, 2.0
     shape = settle(arm, T, scene, 1e-10)

@@ -1,8 +1,8 @@
 """Settles by lengths are the shape of least energy of an independent minimisation by SciPy.
 
-Strains are polynomials, lengths inequalities; nothing of the oracle imports the project. Per unit
+Strains are polynomials, lengths inequalities; the oracle does not import the project. Per unit
 reference length kappa and lambda, c = lambda t + y' d + y kappa x d; energy EA (lambda - 1)^2 / 2 +
-EJ (kappa_n^2 + kappa_b^2) / 2 + GI kappa_t^2 / 2, less the work of a dead force at the tip.
+EJ (kappa_n^2 + kappa_b^2) / 2 + GI kappa_t^2 / 2, minus the work of a dead force at the tip.
 Derivatives are by complex steps."""
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ def test_many_shapes_are_of_least_energy(seed: int) -> None:
 
 
 def check_least(seed: int) -> None:
-    """Assert that a random arm with random lengths and a payload is where SciPy finds it."""
+    """Assert that a random arm with random lengths and a payload agrees with SciPy."""
     rng = np.random.default_rng(seed)
     ends = (0.12, 0.2)
     radii = rng.uniform(7e-3, 9e-3), rng.uniform(5e-3, 7e-3)

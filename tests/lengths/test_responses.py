@@ -1,4 +1,4 @@
-"""What tensions and tips do where lengths change: derivatives, stiffness, paths."""
+"""Tensions and tips after changes of lengths: derivatives, stiffness, paths."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_shapes_are_followed_along_a_path_of_lengths() -> None:
 
 @pytest.mark.parametrize("scene", [EXACT, WATER])
 def test_a_shape_nearby_does_not_keep_the_tensions_that_forces_held_there(scene: Scene) -> None:
-    """They stayed as they were, silently."""
+    """The lengths stayed unchanged, without an error."""
     lengths, given = lengths_of(scene), np.full(12, np.nan)
     lengths[:4], given[:4] = np.nan, T.ravel()[:4]
     shape = settle(ARM, given, scene, lengths=lengths)

@@ -22,8 +22,8 @@ def test_lengths_of_a_shape_give_it_back(scene: Scene) -> None:
     check_trips(scene, 1, 1 if is_loaded(scene) else 3, 1)
 
 
-# Where the coarse mesh left a billionth of a slack tendon's spare length, it was pulled with those
-# against it, as far as lengths do not feel it, and kept them from their lengths for good.
+# The coarse mesh left a billionth of a slack tendon's spare length. The tendon and its antagonists
+# then pulled, which lengths do not determine, and missed their lengths permanently.
 def test_a_tendon_that_is_slack_by_little_keeps_no_other_from_its_length() -> None:
     arm = Arm.from_paper("table-2")
     T = np.array([0.23, 0.02, 0.07, 0.48, 0.51, 0.94, 0.13, 0.3, 1.61, 1.11, 1.47, 0.0])
@@ -34,7 +34,7 @@ def test_a_tendon_that_is_slack_by_little_keeps_no_other_from_its_length() -> No
     assert np.array_equal(np.ravel(back.slack), T == 0)
 
 
-# It used to be refused as too short, and told as crushed by lengths that do not crush it.
+# The lengths were refused as too short, with the name of lengths that do not crush the arm.
 @pytest.mark.slow
 def test_lengths_are_met_where_the_least_energy_is_no_guess() -> None:
     arm, scene = Arm.from_paper("table-4"), PAPER["paper in water"]
@@ -80,7 +80,7 @@ def test_lengths_are_met_where_there_is_no_energy(scene: Scene) -> None:
 
 
 def test_lengths_are_met_far_from_the_least_energy_of_what_has_a_potential() -> None:
-    """Used to be refused as too short: the paper's tangent is far from what the search began at."""
+    """Refused as too short: the paper's tangent is far from the initial guess of the search."""
     arm, scene = Arm.from_paper("table-4"), Scene(Extension())
     T = np.array([0, 0, 0, 0, 1.15, 0.04, 0, 0, 2.81, 0, 1.62, 1.54])
     shape = settle(arm, T, scene, 1e-8)
@@ -90,8 +90,8 @@ def test_lengths_are_met_far_from_the_least_energy_of_what_has_a_potential() -> 
     check_complementary(back)
 
 
-# The paper's tangent has antagonists that lengths do not determine change the shape; steps along
-# them used to end a settle by lengths as a snap, or drifted to tensions that are not the least.
+# With the paper's tangent, antagonists that lengths do not determine change the shape. Steps along
+# these tensions ended a settle as a snap, or drifted to tensions above the least.
 @pytest.mark.parametrize("seed", [9, 42])
 def test_undetermined_tensions_are_the_least_and_meet_the_lengths(seed: int) -> None:
     rng = np.random.default_rng((7, seed))
@@ -103,9 +103,9 @@ def test_undetermined_tensions_are_the_least_and_meet_the_lengths(seed: int) -> 
 
 
 def check_least(given: Shape, back: Shape) -> None:
-    """Assert that another shape has the same lengths to rounding, by lesser tensions.
+    """Assert that another shape has the same lengths to rounding, by lower tensions.
 
-    Settled by these again to a thousandth of its accuracy, as it may be on another mesh.
+    Settle these tensions to a thousandth of the accuracy, because meshes may differ.
     """
     T, arm = np.ravel(given.tensions), given.arm
     assert np.linalg.norm(back.tensions) <= 1.001 * np.linalg.norm(T)
@@ -115,8 +115,8 @@ def check_least(given: Shape, back: Shape) -> None:
     assert off.max() <= 1e-12 * arm.length
 
 
-# Tendons that pull otherwise by a ten-thousandth of what antagonists of another section do were
-# told as determined; lengths of a last step were 7e-12 L off.
+# Tendons whose effect differs by 1e-4 from antagonists of another section were reported as
+# determined; lengths of a last step were 7e-12 L off.
 @pytest.mark.parametrize(
     "T",
     [
@@ -134,8 +134,8 @@ def test_all_tensions_that_lengths_do_not_determine_are_told(T: list[float]) -> 
     check_least(given, back)
 
 
-# A tendon as long as its winch leaves it but for a billionth kept the one against it from its own
-# length; a step that ended where a tendon slackened counted as the last.
+# A tendon within a billionth of its winch's length kept its antagonist from the given length; a
+# step that ended with a slack tendon counted as the last.
 @pytest.mark.parametrize(
     ("seed", "name", "share"), [(0, "inextensible", 0.2), (20, "paper in water", 0.4)]
 )
@@ -150,7 +150,7 @@ def test_lengths_between_those_of_two_shapes_are_met(seed: int, name: str, share
     check_complementary(settle(arm, scene=scene, lengths=lengths))
 
 
-# Tensions that no length feels were left alone though one of the tendons had to slacken by them.
+# Undetermined tensions stayed unchanged although one of the tendons had to become slack.
 def test_a_tendon_slackens_by_tensions_that_no_length_feels() -> None:
     rng = np.random.default_rng((7, 190))
     arm, T = pulled(rng, "random")
@@ -161,9 +161,8 @@ def test_a_tendon_slackens_by_tensions_that_no_length_feels() -> None:
     assert trip[1].tip == pytest.approx(trip[0].tip, abs=1e-9 * arm.length)
 
 
-# Damping hid a combination of tensions that lengths hardly feel from those that are left alone: it
-# drifted, and a settle of 50 ms took two minutes of load steps. Where rounding kept steps from
-# ending it was 3e-4 L off.
+# Damping hid a nearly undetermined combination of tensions from the undetermined ones: it drifted,
+# and a settle of 50 ms took two minutes of load steps. Rounding kept steps from ending at 3e-4 L.
 @pytest.mark.parametrize("more", [0.0, 1e-6])
 def test_weakly_felt_tensions_do_not_drift_under_loads(
     more: float, monkeypatch: pytest.MonkeyPatch
@@ -177,7 +176,7 @@ def test_weakly_felt_tensions_do_not_drift_under_loads(
     )
     back = settle(arm, scene=scene, lengths=given.tendon_lengths + 1e-3 * (np.array(T) == 0))
     assert len(steps) <= 4
-    # Lengths to rounding tell these tensions to some 1e-3 N, which moves the tip by 3e-6 L.
+    # Lengths to rounding determine these tensions to about 1e-3 N, which moves the tip by 3e-6 L.
     assert np.linalg.norm(back.tip - given.tip) <= 5e-6 * arm.length
     check_complementary(back)
 
@@ -197,7 +196,7 @@ def test_many_random_strokes_settle(name: str, scene: str) -> None:
 
 
 def check_strokes(arm: Arm, scene: Scene, count: int) -> None:
-    """Assert that lengths within 15 % of those at rest settle, or are refused for a reason."""
+    """Assert that lengths within 15 % of those at rest settle, or are refused with a reason."""
     rng, rest = np.random.default_rng(5), rest_lengths(arm)
     for _ in range(count):
         lengths = rest * (1 + rng.uniform(-0.15, 0.15, rest.size))

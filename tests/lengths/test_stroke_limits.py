@@ -1,4 +1,4 @@
-"""Plans whose winches take in and pay out no more than they can."""
+"""Plans within the strokes of the winches."""
 
 from __future__ import annotations
 
@@ -58,9 +58,10 @@ def test_the_certificate_finds_out_strokes_beyond_their_limits_by_how_far() -> N
 
 @pytest.mark.slow
 def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
-    """An inextensible arm with tendons at y: the stroke of the one that pulls is y times the bend.
+    """An inextensible arm with tendons at y: the stroke of the taut tendon is y times the bend.
 
-    By hand: a bend of 0.5 rad takes 2 mm in; with 1.9 mm the arm bends by 0.475 rad at most.
+    By hand: a bend of 0.5 rad needs a stroke of 2 mm; with 1.9 mm the arm bends by 0.475 rad at
+    most.
     """
     arm, y = cylinder((0.2,)), 4e-3
     target = BendingPlane(angle=0.0, bend=0.5, section=1)
@@ -76,7 +77,7 @@ def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
 
 @pytest.mark.slow
 def test_how_far_winches_pay_out_is_a_limit_of_its_own() -> None:
-    """The slack tendon across is longer by y times the bend: 1.9 mm let it be 0.475 rad."""
+    """The slack tendon across is longer by y times the bend: 1.9 mm allow 0.475 rad."""
     arm, y = cylinder((0.2,)), 4e-3
     target = BendingPlane(angle=0.0, bend=0.5, section=1)
     held = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_min=-1.9e-3)
@@ -107,7 +108,7 @@ def test_scene_files_have_them_in_millimetres() -> None:
 
 @pytest.mark.slow
 def test_a_shape_beyond_stroke_limits_is_not_called_the_nearest() -> None:
-    """Where nothing within the limits is found, as in water with nearly no stroke at all."""
+    """Nothing is found within the limits, as in water with nearly no stroke at all."""
     arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
     tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
     object.__setattr__(tight, "certificate", replace(tight.certificate, strokes=0.05))

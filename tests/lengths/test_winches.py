@@ -1,4 +1,4 @@
-"""Plans and scene files for winches: lengths, strokes, and what their errors do."""
+"""Plans and scene files for winches: lengths, strokes, and the effect of their errors."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_tendons_that_pull_by_rounding_alone_are_slack(tension: float) -> None:
 
 
 def test_a_tendon_is_slack_below_what_shortens_all_by_1e_8_of_the_arm() -> None:
-    """By the straight arm's compliance, the integral of y2/EJ + 1/EA of each tendon, in sum."""
+    """Return the straight arm's compliance, the sum of the integrals of y2/EJ + 1/EA."""
     C = 0.0
     for section in ARM.sections:
         s = np.linspace(0, section.at, 4001)

@@ -1,4 +1,4 @@
-"""The clearance of settled arms: never above the true one, and close to it."""
+"""The clearance of settled arms: never above the true clearance, and close to it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _sampled(line: Centreline, obstacles: list[Obstacle], count: int) -> dict[st
 
 
 def _pulls(rng: np.random.Generator) -> Array:
-    """Return tensions (12,) [N] that the arm bears, half of them none."""
+    """Return tensions (12,) [N] that the arm bears, half of them 0."""
     return paper_tensions(rng, "table-4") * (rng.uniform(size=12) < 0.5)
 
 
@@ -71,7 +71,7 @@ def _check(seeds: range, count: int) -> None:
         for name, clear in found.items():
             low, high = clear.gap, true[name]
             assert low <= high + 1e-9
-            # Sampled places begin at a turn, not where it is first reached.
+            # Sampling starts at the first place beyond a turn, not exactly at the turn.
             if name == "obstacles":
                 sampling = 0.3 * (ARM.length / count)
                 assert high - low <= _ALLOWED[0] * ARM.length + _ALLOWED[1] * abs(high) + sampling
@@ -104,7 +104,7 @@ def test_a_straight_arm_meets_nothing_by_itself() -> None:
 def test_a_straight_arm_is_as_far_from_a_ball_as_geometry_says() -> None:
     shape = settle(ARM, np.zeros(12), Scene())
     taper, height = 13e-3 / 0.45, 0.1
-    # Of the cone u = (s, 0, 0), r = 15 mm - taper s, from a ball above s = 0.2 m.
+    # Gap of the cone u = (s, 0, 0), r = 15 mm - taper s, to a ball above s = 0.2 m.
     at = 0.2 - height * taper / np.sqrt(1 - taper**2)
     true = np.hypot(at - 0.2, height) - (15e-3 - taper * at) - 0.03
     gap = clearance(shape, Sphere((0.2, 0.0, height), 0.03)).gap
@@ -112,7 +112,7 @@ def test_a_straight_arm_is_as_far_from_a_ball_as_geometry_says() -> None:
 
 
 def _coil(turns: float, radius: float) -> Centreline:
-    """Return a cylinder 1 m long that a moment at its tip bends to so many turns of a circle."""
+    """Return a cylinder 1 m long that a tip moment bends to a number of turns of a circle."""
     arm = conical(1.0, (radius, radius), [(1.0, radius / 2, radius / 2)])
     moment = 2 * np.pi * turns * arm.material.E * np.pi * radius**4 / 4
     scene = Scene(TipLoad(moment=(0.0, 0.0, moment)))

@@ -113,7 +113,7 @@ def test_a_plan_leads_around_a_mesh_as_around_the_body(unit: float) -> None:
         plan(ARM, TARGET, SCENE, 20.0, obstacles=[own], clearance=clear) for own in (ball, mesh)
     )
     assert body.reached and other.reached
-    assert body.effort > 1.1 * plan(ARM, TARGET, SCENE, 20.0).effort  # it is in the way
+    assert body.effort > 1.1 * plan(ARM, TARGET, SCENE, 20.0).effort  # the mesh obstructs the arm
     assert other.certificate.clearance >= clear
     # The mesh is inside of the ball by up to 0.2 mm.
     assert other.effort == pytest.approx(body.effort, rel=0.02)

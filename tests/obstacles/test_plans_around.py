@@ -1,4 +1,4 @@
-"""Plans that keep clear of obstacles, of the base plane's far side and of the arm itself."""
+"""Plans that keep clear of obstacles, of the far side of the base plane and of the arm itself."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _check(free: Plan, p: Plan) -> None:
         p.problem.environment.clearance <= p.certificate.clearance <= _gap(p.shape, obstacle) + 1e-9
     )
     assert p.effort > free.effort
-    # No more is kept than has to be.
+    # The plan keeps no more than the required clearance.
     assert _gap(p.shape, obstacle) < p.problem.environment.clearance + 1e-3
 
 
@@ -119,7 +119,7 @@ def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
 
 
 def test_a_plan_among_obstacles_is_found_from_sampled_shapes() -> None:
-    """It was said that the ball is in the way; known tensions pass 72 mm beside the ball."""
+    """The ball was reported as obstructing; known tensions pass 72 mm beside the ball."""
     arm = Arm(
         0.633,
         Linear(0.015, 0.0069),
@@ -157,7 +157,7 @@ def test_where_no_shape_keeps_clear_the_outcome_says_what_is_touched() -> None:
 
 @pytest.mark.slow
 def test_an_obstacle_that_guesses_do_not_come_near_is_led_around_without_loads() -> None:
-    """Poses became unknowns once it was near: the plan ended in a ValueError."""
+    """Poses became unknowns for a ball nearby: the plan ended in a ValueError."""
     ball = Sphere((0.157, -0.071, -0.08), 0.02)
     p = plan(ARM, TipPosition((0.162, -0.049, -0.056)), Scene(), 20.0, obstacles=[ball])
     assert p.certificate.passed, p.outcome
@@ -165,7 +165,7 @@ def test_an_obstacle_that_guesses_do_not_come_near_is_led_around_without_loads()
 
 
 def test_the_outcome_tells_what_was_to_be_kept_clear_of() -> None:
-    """It told the far side of the base plane, which was nearer, and which nobody had asked for."""
+    """The outcome named the far side of the base plane, which was nearer, but not requested."""
     p = plan(ARM, TARGET, SCENE, 20.0, starts=1)
     ball = Clearance(-0.002, "obstacles[0]", (0.2,))
     nearer = {"obstacles": ball, "itself": Clearance(-0.05, "itself", (0.1, 0.4))}
@@ -197,7 +197,7 @@ def test_behind_the_base_is_told_and_avoided_on_request(avoided: bool) -> None:
 
 
 def test_places_are_read_off_the_stations_of_the_settled_arm() -> None:
-    """Its mesh has other nodes, the nearest of which were read instead, up to 3 mm away."""
+    """The mesh has other nodes; the nearest nodes were used instead, up to 3 mm away."""
     T = np.zeros(12)
     T[10], T[6] = 14.0, 5.0
     question = (ARM, (TARGET,), SCENE, Limits.of(ARM, 20.0), NlpOptions(), 1e-6)
@@ -231,7 +231,7 @@ def test_a_plan_with_obstacles_loads_back_equal(around: Plan, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_a_plan_near_another_is_led_around_under_loads_too() -> None:
-    """It ended in an error of CasADi's."""
+    """The call ended in an error of CasADi."""
     scene = Scene(Extension(), Weight(), Buoyancy())
     ball = Sphere(plan(ARM, TARGET, scene, 20.0, starts=1).shape.position(0.6 * ARM.length), 0.02)
     given = {"obstacles": [ball], "clearance": 0.003}

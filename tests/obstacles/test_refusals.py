@@ -1,4 +1,4 @@
-"""Obstacles that are none, and clearances that cannot be had: refused by name."""
+"""Invalid obstacles and impossible clearances are refused by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signed distances from obstacles, against closed forms and points on their surfaces."""
+"""Signed distances of obstacles, against closed forms and points on their surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms on their way: bounds of the clearance are never above what fine sampling sees."""
+"""Arms in motion: bounds of the clearance are never above the clearance by fine sampling."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _obstacles(rng: np.random.Generator) -> list[Obstacle]:
 
 
 def _ways(rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-    """Return tensions where ways begin and end (count, 12): far ones, and near ones."""
+    """Return tensions at the ends of motions (count, 12): far and near ones."""
     start = np.array([paper_tensions(rng, "table-4") for _ in range(count)])
     start *= rng.uniform(size=start.shape) < 0.5
     other = np.array([paper_tensions(rng, "table-4") for _ in range(count)])
@@ -43,9 +43,9 @@ def _ways(rng: np.random.Generator, count: int) -> tuple[Array, Array]:
 
 
 def _least(line: Centreline, obstacles: list[Obstacle], moved: Array, turn: float) -> float:
-    """Return the least distance of many places of an arm, from what has moved (B, 3).
+    """Return the least distance of many places of an arm, from displaced bodies (B, 3).
 
-    `turn` is about a half turn: between places that may meet.
+    `turn` is about half a turn: the angle between places that may meet.
     """
     x, r = line.at(np.linspace(0.0, ARM.length, 301))
     gaps = [float((own.distance(x - d) - r).min()) for own, d in zip(obstacles, moved, strict=True)]
@@ -86,7 +86,7 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
     for k in range(count):
         shares = np.linspace(0, 1, instants)
         assert bound[k] <= min(true(k, share, np.pi) for share in shares) + 1e-9
-        # Of places 1.5 mm apart turns are a little less than those of the arm.
+        # Places 1.5 mm apart have a slightly smaller angle than the arm.
         nearest = min(true(k, share, 0.96 * np.pi) for share in shares)
         if seen[k] < 0:
             nearest = min(nearest, true(k, at[k], 0.96 * np.pi))
@@ -121,7 +121,7 @@ def test_a_thin_obstacle_that_is_touched_only_between_samples_is_seen(scene: Sce
     T = np.zeros((2, 12))
     T[0, 4], T[1, 6] = 2.0, 2.0
     lines, way = _way(scene, T)
-    # No power of two divides the share of the way where it is touched.
+    # No power of two divides the fraction of the motion at which the arm touches.
     line = lines(T[0] + (T[1] - T[0]) / 3)
     assert line is not None
     (place, radius) = (own[0] for own in line.at(np.array([0.8 * ARM.length])))

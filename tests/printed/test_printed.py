@@ -1,4 +1,4 @@
-"""The equations that the paper prints, and where they part from the consistent ones."""
+"""The equations that the paper prints, and their differences from the consistent equations."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def drawn(seed: int) -> tuple[Array, float, Array]:
 @pytest.mark.parametrize("torsion", [True, False], ids=["torsion", "bending"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_printed_moments_lack_the_turning_of_the_frame(seed: int, torsion: bool) -> None:
-    """Of the oracle, which the printed scene is held to below: without torsion bending is right."""
+    """The moments of the oracle, which the printed scene must match below, are right without
+    torsion.
+    """
     T, s, omega = drawn(seed)
     omega = omega * [torsion, 1, 1]
     h, active = 1e-2, ROD.active(s)

@@ -39,7 +39,7 @@ high = 4.0
 
 
 def written(folder: Path, axes: str, compute: str = "settle", more: str = "") -> Path:
-    """Write a scene and a sweep of it; return the sweep file."""
+    """Write a scene and a sweep of the scene; return the sweep file."""
     (folder / "scene.toml").write_text(SCENE)
     path = folder / "sweep.toml"
     path.write_text(f'scene = "scene.toml"\n[sweep]\ncompute = "{compute}"\n{more}\n{axes}')

@@ -1,4 +1,4 @@
-"""What varies: grids, draws and key paths, and what is refused before anything runs."""
+"""Axes of sweeps: grids, draws and key paths, and refusals before the run."""
 
 import re
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_a_seed_decides_the_draws_and_another_axis_does_not_change_them(tmp_path
         ({"distribution": "uniform", "low": 1.0, "high": 3.0}, [1.5, 2.0, 2.5]),
         ({"distribution": "log-uniform", "low": 1.0, "high": 16.0}, [2.0, 4.0, 8.0]),
         ({"distribution": "normal", "mean": 5.0, "sd": 0.5}, [4.6628, 5.0, 5.3372]),
-        # Cut off at its mean, half a normal distribution is left: quantiles 5/8, 6/8, 7/8 of all.
+        # Cut off at its mean, half a normal distribution remains: quantiles 5/8, 6/8, 7/8 of all.
         (
             {"distribution": "normal", "mean": 5.0, "sd": 1.0, "low": 5.0, "high": 99.0},
             [5.3186, 5.6745, 6.1503],

@@ -1,4 +1,4 @@
-"""Chunks as files: back bit for bit, whole or not at all; those of other sweeps are kept."""
+"""Chunks as files: exact, complete or missing; chunks of other sweeps are kept."""
 
 import errno
 import os

@@ -35,7 +35,7 @@ def _free_port() -> int:
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> "Iterator[tuple[str, list[subprocess.Popen[bytes]]]]":
-    """Start a scheduler and two workers; yield its address and the three processes."""
+    """Start a scheduler and two workers; yield the address and the three processes."""
     address = f"tcp://127.0.0.1:{_free_port()}"
     quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     scheduler = [*_dask("scheduler"), "--host", address, "--no-dashboard"]

@@ -1,4 +1,4 @@
-"""Sweeps that are killed, whole or a worker at a time, end with what undisturbed ones find."""
+"""Killed sweeps, or sweeps with killed workers, end with the results of undisturbed sweeps."""
 
 import os
 import signal
@@ -79,7 +79,7 @@ def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
         assert len(workers) == (2 if jobs == 2 else 0)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
-        # Workers see that nobody waits for them.
+        # Workers notice that the main process ended.
         psutil.wait_procs(workers)
         assert process.stderr is not None
         process.stderr.close()
@@ -106,7 +106,7 @@ def test_workers_that_wait_for_their_first_points_end_with_the_sweep_too(tmp_pat
 def test_ctrl_c_in_a_terminal_is_one_sentence_though_all_processes_are_sent_it(
     tmp_path: Path, chunks: int
 ) -> None:
-    """Workers that were still being loaded used to tell a traceback each."""
+    """Workers that were still loading printed a traceback each."""
     path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
     process = _started(path, out, 2, start_new_session=True)
     workers = _awaited_workers(process)
@@ -166,7 +166,7 @@ def test_a_sweep_whose_worker_is_killed_says_so_and_goes_on_when_started_again(
 
 
 class _Deadly:
-    """Ends the process that unpickles it."""
+    """Ends the process that unpickles this object."""
 
     def __reduce__(self) -> tuple:
         return os._exit, (1,)

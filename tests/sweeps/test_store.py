@@ -1,4 +1,4 @@
-"""Saved part by part: the file holds what a Dataset in memory does, and memory does not grow."""
+"""Results saved in parts: the file equals a Dataset in memory, and memory does not grow."""
 
 import os
 import subprocess
@@ -55,5 +55,5 @@ def _peak(folder: Path, draws: int) -> float:
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_points(tmp_path: Path) -> None:
     few, many = (_peak(tmp_path, draws) for draws in (5_000, 100_000))
-    # Held in memory, numbers and texts of these points take 40 MB and more.
+    # In memory, numbers and texts of these points take 40 MB and more.
     assert many < few + 5

@@ -1,4 +1,4 @@
-"""What sweeps find: the numbers of single calls, whoever works, and rows for what fails."""
+"""Results of sweeps: the numbers of single calls for any workers, and rows for failures."""
 
 import json
 import sys

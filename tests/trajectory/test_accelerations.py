@@ -21,7 +21,7 @@ TARGETS = [TipPosition((0.32, 0.08, -0.1)), TipPosition((0.3, 0.12, -0.12))]
 
 
 def _still(lengths: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """Return lengths with the place of a tip that does not move behind them."""
+    """Return lengths with the position of a fixed tip appended."""
     return lambda T: np.concatenate([lengths(T), np.zeros(3)])
 
 
@@ -31,7 +31,7 @@ def _still(lengths: Callable[[Array], Array]) -> Callable[[Array], Array]:
     ids=["two parabolas", "a steady part between them"],
 )
 def test_one_winch_takes_the_time_of_bang_bang(rate: float, expected: float) -> None:
-    """From rest to rest over D: 2 sqrt(D / a), or D / v + v / a where v limits the rate."""
+    """Return the time from rest to rest over D: 2 sqrt(D / a), or D / v + v / a at the rate v."""
     stretch = Stretch.of(_still(lambda T: 0.4 - 0.03 * T), np.zeros(1), np.ones(1))
     law = fastest(stretch, Rates((np.inf,), rate, 0.5))
     assert law.x[-1] == pytest.approx(expected, rel=2e-3)
@@ -39,7 +39,7 @@ def test_one_winch_takes_the_time_of_bang_bang(rate: float, expected: float) -> 
 
 
 def test_one_winch_along_a_curved_length_is_no_faster_than_bang_bang() -> None:
-    """The pace of l(T) is free: its time is that of the same change of length along a line."""
+    """The pace of l(T) is free: the time is that of the same change of length along a line."""
     stretch = Stretch.of(_still(lambda T: 0.4 - 0.03 * T / (1 + T)), np.zeros(1), np.ones(1))
     law = fastest(stretch, Rates((np.inf,), np.inf, 0.5))
     bound = 2 * np.sqrt(0.015 / 0.5)
@@ -54,7 +54,7 @@ def test_a_stretch_on_which_places_change_by_rounding_alone_is_no_snap() -> None
 
 
 def test_a_stretch_whose_second_derivative_jumps_is_no_snap_and_one_that_jumps_is() -> None:
-    """With friction of tendons it was said to snap where a curvature changes its sign."""
+    """With friction of tendons the arm was reported to snap if a curvature changes its sign."""
     bent = _still(lambda T: 0.4 - 0.03 * T - 0.01 * (T - 0.3) * np.abs(T - 0.3))
     ends = np.zeros(1), np.ones(1)
     stretch = Stretch.of(bent, *ends, at_last=1e-6)
@@ -104,7 +104,7 @@ def test_accelerations_alone_limit_a_motion() -> None:
 
 
 def test_the_tip_alone_takes_the_time_of_bang_bang_along_a_line() -> None:
-    """From rest to rest over D: 2 sqrt(D / a), in whatever direction."""
+    """Return the time from rest to rest over D: 2 sqrt(D / a), in any direction."""
     way = np.array([0.2, -0.1, 0.2])
     stretch = Stretch.of(lambda T: np.append(np.full(1, 0.4), T * way), np.zeros(1), np.ones(1))
     law = fastest(stretch, Rates((np.inf,), tip_acceleration=0.5))
@@ -133,10 +133,10 @@ def test_a_quasi_static_motion_accelerates_its_tip_by_a_tenth_of_gravity(scene: 
     assert tr.certificate.passed, tr.outcome
     assert tr.certificate.tip_acceleration == pytest.approx(1.0, abs=2e-2)
     assert "Slow enough to be quasi-static" in tr.outcome
-    # It takes less than the arm's slowest oscillation all the same.
+    # The motion still takes less than the arm's slowest oscillation.
     assert np.diff(tr.times[[0, *tr.stops]]).min() < tr.period
     assert "but not by the arm's slowest period" in tr.outcome
-    # Means over two steps of settled shapes at even instants never exceed it.
+    # Means over two steps of settled shapes at even instants never exceed the limit.
     t = np.linspace(0.0, tr.duration, 241)
     tips = np.array([settle(ARM, T, scene, 1e-9).tip for T in tr.at(t)])
     second = np.linalg.norm(np.diff(tips, 2, axis=0), axis=1) / t[1] ** 2

@@ -1,4 +1,4 @@
-"""What motions keep between their waypoints: limits of strokes, and that the arm stands."""
+"""Limits of strokes and stability of motions between waypoints."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ARM = Arm.from_paper("table-4")
 
 @pytest.mark.slow
 def test_strokes_are_within_their_limits_between_waypoints_too() -> None:
-    """A winch was 1 mm beyond its limit on the way between two places that it allows."""
+    """A winch was 1 mm beyond its limit between two allowed waypoints."""
     first, last = np.zeros(12), np.zeros(12)
     first[[5, 6, 8, 10, 11]] = 1.2, 1.4, 3.0, 2.5, 6.0
     last[[2, 3, 4, 5, 7, 9]] = 0.1, 0.5, 1.3, 0.9, 1.7, 0.8

@@ -1,4 +1,4 @@
-"""Motions: targets, limits and rates at every instant, their certificate and their command."""
+"""Motions: targets, limits and rates at every instant, certificate and command."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_no_limit_or_rate_is_exceeded_at_any_of_many_instants(quickest: Trajecto
     assert T.max() <= 20.0
     rates = np.abs(np.diff(T, axis=0)) / np.diff(t)[:, None]
     assert rates.max() <= 2.0 * (1 + 1e-6)
-    # In least time a rate is at its limit, and the certificate tells the rate that there is.
+    # In least time a rate is at its limit, and the certificate states the true rate.
     assert quickest.certificate.rate == pytest.approx(rates.max() / 2.0, rel=1e-6)
     assert quickest.certificate.rate == pytest.approx(1.0, rel=1e-6)
 
@@ -63,7 +63,7 @@ def test_the_least_time_is_between_a_bound_and_that_of_plans_one_by_one(
     tensions = [np.zeros(12), *(np.ravel(plan(ARM, own, SCENE, 20.0).tensions) for own in TARGETS)]
     one_by_one = np.abs(np.diff(tensions, axis=0)).max(axis=1).sum() / 2.0
     assert quickest.duration < one_by_one
-    # The first target alone, from rest, takes no longer than the whole way to it.
+    # The first target alone, from rest, takes no longer than the whole motion to it.
     alone = trajectory(ARM, TARGETS[:1], SCENE, 20.0, rate_max=2.0)
     assert alone.duration <= quickest.times[1] * (1 + 1e-3)
     assert alone.duration <= quickest.duration
@@ -151,7 +151,7 @@ def test_a_path_that_leaves_the_reach_is_refused_with_from_where_to_where() -> N
 
 
 BALL, NAN = Sphere((0.25, 0.0, 0.02), 0.02), np.nan
-# What is asked of a motion, and what is told of it.
+# Arguments of a motion, and the result.
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({}, "times"),
     ({"rate_max": 0.0}, "rate_max"),
@@ -340,7 +340,7 @@ def test_a_motion_to_where_the_body_is_all_but_crushed_is_certified() -> None:
 
 
 def test_a_waypoint_takes_the_mirror_image_that_is_near() -> None:
-    """A fetch in the plane of the places before may be met on either side of it."""
+    """A fetch in the plane of the earlier waypoints may be met on either side of the plane."""
     targets = [TipPosition((0.3, 0.12, 0.0)), TipPosition((0.15, 0.15, 0.0))]
     mouth = Fetch.reach((0.0, 0.0, 0.0), float(np.radians(30)), float(np.radians(-90)))
     durations = [
@@ -351,7 +351,7 @@ def test_a_waypoint_takes_the_mirror_image_that_is_near() -> None:
 
 
 def test_a_target_that_is_repeated_takes_no_time() -> None:
-    """The arm used to be told to accelerate by a million times gravity from one to the other."""
+    """The motion accelerated by a million times gravity from one target to the other."""
     arm = Arm(0.36, Linear(0.0185, 0.009), (Anchorage(0.36, Linear(0.015, 0.0073)),))
     silicone = Scene.silicone()
     target = TipPosition(settle(arm, [[0.16, 0, 0, 0]], silicone, 1e-8).tip)
@@ -364,7 +364,7 @@ def test_a_target_that_is_repeated_takes_no_time() -> None:
 
 
 def test_a_motion_in_the_plane_of_two_tendons_is_as_accurate_as_its_plans() -> None:
-    """No program over the waypoints has an optimum there: a place has more numbers than these."""
+    """No program over the waypoints has an optimum: a place has more numbers than waypoints."""
     arm = Arm(0.24, Linear(0.013, 0.007), (Anchorage(0.24, Linear(0.006, 0.003), (0.6, 6.0)),))
     tips = [settle(arm, [[0.0, pull]], SCENE, 1e-8).tip for pull in (0.2, 0.1)]
     motion = trajectory(arm, list(map(TipPosition, tips)), SCENE, 1.0, rate_max=0.1)

@@ -1,4 +1,4 @@
-"""Motions among obstacles that move: clear of where these are at each instant."""
+"""Motions among moving obstacles: clear of the obstacles at each instant."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TIMES = [1.0, 2.0]
 
 
 def _sees(tr: Trajectory, obstacle: Moving, count: int) -> float:
-    """Return the least distance at many instants from where the obstacle is then."""
+    """Return the least distance at many instants from the obstacle at these instants."""
     s = np.linspace(0.0, ARM.length, 300)
     R = ARM.radius.evaluate(s, ARM.length)[0]
     gaps = []
@@ -38,7 +38,7 @@ def free() -> Trajectory:
 
 
 def _crossing(free: Trajectory) -> Moving:
-    """Return a ball that passes the arm half way to the second target, in front of it."""
+    """Return a ball that passes in front of the arm half way to the second target."""
     place = free.shape(1.5).position(0.7 * ARM.length)
     aside = np.array([0.0, 0.0, 0.15])
     ball = Sphere(tuple(place + np.array([0.0, 0.012, 0.0])), 0.015)
@@ -78,7 +78,7 @@ def test_a_ball_that_is_elsewhere_at_the_time_changes_nothing(free: Trajectory) 
     given = {"times": TIMES, "obstacles": [late]}
     tr = trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=5.0, **given)  # type: ignore[arg-type]
     assert tr.certificate.passed, tr.outcome
-    # Both are solved; how sharply, ipopt's tolerance says.
+    # Both are solved to ipopt's tolerance.
     np.testing.assert_allclose(tr.flat, free.flat, atol=1e-7)
     assert pickle.loads(pickle.dumps(late)) == late
 

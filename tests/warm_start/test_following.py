@@ -1,4 +1,4 @@
-"""Plans along a path: each begins at the one before, and is as good as one from scratch."""
+"""Plans along a path: each starts at the last plan, and is as good as a plan from scratch."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ def test_an_unforeseen_error_is_that_of_its_target(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_plan_of_another_norm_is_not_followed() -> None:
-    """Its optimum was returned, and its norm told."""
+    """The optimum of the other norm was returned."""
     (target,) = path(1)
     near = plan(ARM, target, PAPER, 20.0)
     found = plan(ARM, target, PAPER, 20.0, norm="inf", near=near)

@@ -1,4 +1,4 @@
-"""Bars without pull, and loaded bars in a plane by SciPy: what loads are tested against."""
+"""References for tests of loads: bars without tension, and loaded bars in a plane by SciPy."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Bar:
 
     @cached_property
     def arm(self) -> Arm:
-        """The bar with one tendon on its axis, in the paper's base frame."""
+        """The bar with one tendon on its axis, in the base frame of the paper."""
         return self.turned()
 
     def turned(self, **others: Any) -> Arm:
@@ -59,7 +59,7 @@ class Bar:
         return np.pi * (self.length - s) / 3 * (near**2 + near * far + far**2)
 
     def deflection(self, load: Callable[[float], float]) -> float:
-        """Of the tip under a small line load across, by the unit load theorem."""
+        """Return the tip deflection under a transverse line load, by the unit load theorem."""
         L = self.length
 
         def part(s: float) -> float:
@@ -69,7 +69,7 @@ class Bar:
 
 
 def helix(rate: Array, t: Array, s: float) -> Array:
-    """Where a curve ends that starts along t and turns by a constant rate (3,) [1/m] in space."""
+    """Return the end of a curve that starts along t and turns at a constant rate (3,) [1/m]."""
     size = np.linalg.norm(rate)
     axis = rate / size
     along = axis * (axis @ t)
@@ -91,8 +91,8 @@ def elastica(
 ) -> Callable[[Array], Array]:
     """Return s -> (x, y, angle) (3, N) of a bar clamped along x, by shooting from the tip.
 
-    `force(s)` is the dead force (2,) beyond s, which jumps at `breaks`, `moment` that at the tip,
-    `spread(s, t)` what else pulls per unit deformed length. Loads are applied in equal steps.
+    `force(s)` is the dead force (2,) beyond s, which jumps at `breaks`, `moment` the moment at the
+    tip, `spread(s, t)` further loads per unit deformed length. Loads are applied in equal steps.
     """
     stops = [bar.length, *sorted(breaks, reverse=True), 0.0]
 
@@ -147,7 +147,7 @@ def euler(bar: Bar) -> float:
 
 
 def dead_elastica(alpha: float, s: Array, length: float) -> Array:
-    """(x, y) of a bar under a dead force alpha EJ / L2 across it; Bisshopp and Drucker 1945."""
+    """Return (x, y) of a bar under a dead transverse force alpha EJ / L2 (Bisshopp 1945)."""
 
     def first(m: float) -> float:
         return float(np.arcsin(1 / np.sqrt(2 * m)))
@@ -166,7 +166,7 @@ def dead_elastica(alpha: float, s: Array, length: float) -> Array:
 
 
 def follower_elastica(bar: Bar, force: float, s: Array) -> Array:
-    """(x, y) under a force across the tip that turns with it, in the tip's frame, then clamped."""
+    """Return (x, y) under a transverse follower force on the tip, in the tip frame."""
 
     def rate(s: float, state: Array) -> Array:
         angle, bend = state[2:]
@@ -182,7 +182,7 @@ def follower_elastica(bar: Bar, force: float, s: Array) -> Array:
 def one_tendon(
     radii: tuple[float, float], offsets: tuple[float, float], length: float = 0.3
 ) -> Arm:
-    """Return an arm with one tendon, in its plane; radii and offsets are those at both ends."""
+    """Return an arm with one tendon in a plane; radii and offsets are given at both ends."""
     return Arm(length, Linear(*radii), (Anchorage(length, Linear(*offsets), (0.0,)),))
 
 
@@ -195,10 +195,10 @@ def capstan(
     way: int,
     extension: bool = True,
 ) -> Array:
-    """(x, y, angle of the tip, T there) of an arm with one tendon, from base to tip.
+    """Return (x, y, angle, T) at the tip of an arm with one tendon, from base to tip.
 
     With c = (1 - y k) t + y' n the tendon is at the angle psi = atan2(y', 1 - y k) to t and turns
-    at the rate (1 + q) k + psi', where k' has a part in T', and T' = -way mu T |turning|.
+    at the rate (1 + q) k + psi'. The derivative k' depends on T', and T' = -way mu T |turning|.
     """
     E = Bar.E
     (R0, R1), (a, b) = radii, offsets

@@ -26,7 +26,7 @@ def fem_cases() -> list[dict[str, Any]]:
 
 
 def fem_arm(case: dict[str, Any]) -> tuple[Arm, Array]:
-    """The arm of a case in the paper's base frame (n = -y, b = -z), and its tensions [N]."""
+    """Return the arm of a case in the paper's base frame (n = -y, b = -z), and its tensions [N]."""
     p = case["params"]
     if "tendons" in p:
         first = p["tendons"][0]

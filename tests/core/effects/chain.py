@@ -16,8 +16,8 @@ class Chain:
     Attributes
     ----------
     radius, offset, taper : (n,)
-        Radius of the body [m], offset [m] of the tendon and its derivative, at the middle of the
-        links; offset and derivative are 0 beyond the end of the tendon.
+        Radius of the body [m], offset [m] of the tendon and the derivative of the offset, at the
+        middle of the links; offset and derivative are 0 beyond the end of the tendon.
     length, E, specific_weight : float
         [m], [Pa], [N/m3].
     """
@@ -56,8 +56,8 @@ class Chain:
     def pulled(self, tensions: Array) -> Array:
         """Return the tip (2,) [m], sideways and down, after tensions that grow one by one.
 
-        Newton's method with derivatives by complex steps. Raises AssertionError if the chain loses
-        its stability.
+        Newton's method uses derivatives by complex steps. Raises AssertionError if the chain
+        becomes unstable.
         """
         n = self.radius.size
         strains = np.concatenate([np.zeros(n), np.ones(n)])

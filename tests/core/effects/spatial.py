@@ -25,7 +25,7 @@ def zeros() -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """The cross product, without what makes NumPy's slow for three numbers."""
+    """Return the cross product, faster than NumPy's for three numbers."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
@@ -33,7 +33,7 @@ def cross(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """What pulls: at the tip (dead or following it), at points, spread, and a stream's drag."""
+    """Loads: at the tip (dead or follower), at points, per length, and the drag of a current."""
 
     force: Array = field(default_factory=zeros)
     moment: Array = field(default_factory=zeros)
@@ -56,7 +56,7 @@ class LoadedRod:
 
     @cached_property
     def _pulls(self) -> list[tuple[float, Array, Array]]:
-        """Of each section, S[T], S[T d] and S[T (1 - d d^T)]."""
+        """Return S[T], S[T d] and S[T (1 - d d^T)] of each section."""
         rows, tension = [], iter(self.T)
         for section in self.rod.sections:
             T = np.array([next(tension) for _ in section.angles])
@@ -126,7 +126,7 @@ class LoadedRod:
         return found
 
     def gap(self, tip: Array, share: float = 1.0) -> Array:
-        """The rotation (3,) by which the base is off its clamp."""
+        """Return the rotation (3,) of the base from its clamp."""
         base = self.run(tip, share)[0.0][3:12].reshape(3, 3)
         return np.asarray(Rotation.from_matrix(base @ self.rod.frame.T).as_rotvec())
 
@@ -163,7 +163,7 @@ class EnergyRod(LoadedRod):
 
     @cached_property
     def _last(self) -> list[Array]:
-        """The strains that were found last: where the next search begins."""
+        """The last strains, from which the next search begins."""
         return [np.array([0.0, 0.0, 0.0, 1.0])]
 
     def energy(self, v: Any, s: float, active: int) -> Any:

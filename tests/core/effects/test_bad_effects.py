@@ -1,4 +1,4 @@
-"""Effects, paths and curvatures that are none, or contradict each other: refused by name."""
+"""Invalid or contradictory effects, paths and curvatures are refused by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drag of a stream: beams under it for small loads, elastica that face it for large ones."""
+"""The drag of a current: small loads against beams, large loads against the elastica."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOFT = {"uniform": Bar(), "conical": Bar(0.012, 0.005)}
 
 
 def deflection(bar: Bar, v: float) -> float:
-    """Of the tip under the line load rho C R v2."""
+    """Return the deflection of the tip under the line load rho C R v2."""
     return bar.deflection(lambda s: RHO * C * bar.R(s) * v**2)
 
 
@@ -121,7 +121,7 @@ def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:
 @pytest.mark.quick("1e-08", "1e-06", "1e-07")
 @pytest.mark.parametrize("accuracy", [1e-5, 1e-6, 1e-7, 1e-8])
 def test_a_stream_along_the_arm_somewhere_does_not_hide_errors(accuracy: float) -> None:
-    """In its plane the arm turns into the stream: there |v_n| v_n has a kink in its derivative."""
+    """The arm turns into the current in its plane: |v_n| v_n then has a kink in its derivative."""
     tensions = np.zeros((3, 4))
     tensions[0, 2], tensions[1, 0], tensions[2, 2] = 0.32312720, 0.01984517, 4.95974372
     arm, scene = Arm.from_paper("table-4"), Scene(Extension(), Current((0.0, 0.05, 0.0), RHO, C))

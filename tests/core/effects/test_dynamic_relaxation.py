@@ -1,26 +1,27 @@
-"""A loaded arm against PyElastica, a Cosserat rod that swings until its damping brings it to rest.
+"""A loaded arm against PyElastica, a damped Cosserat rod that comes to rest.
 
 Nothing is shared with our two-point boundary value problem: PyElastica steps the nodes and the
-frames of a staggered chain of elements through time. Here it gets the cone of table 2, its weight
-in water, and a tendon that runs straight from hole to hole, one in the middle of each element:
-f = T (e_next - e) on the hole at p = u + y d, and the couple y d x f. That is minus the gradient of
-T times the length of the polygon, which becomes the tendon of `ExactTendons` as elements are added.
+frames of a staggered chain of elements through time. The model is the cone of table 2, the weight
+in water, and a tendon that runs straight from hole to hole, one in the middle of each element: f =
+T (e_next - e) on the hole at p = u + y d, and the couple y d x f. The force is minus the gradient
+of T times the length of the polygon, which becomes the tendon of `ExactTendons` as elements are
+added.
 
-Two things have to be told to PyElastica:
+PyElastica needs two changes:
 
-- its section thins at constant volume: with S and B the stiffnesses of the unstrained section, the
-  force is S/e and the moment B/e^3 times the strains per unit reference length. Those of a linear
-  section are S and B; left as it is, the tip is off by 3 mm.
-- its frames are those of the elements, so that to hold the first one is to clamp the arm half an
-  element from its base. Half an element of the arm holds it instead.
+- the section thins at constant volume: with S and B the stiffnesses of the unstrained section, the
+  force is S/e and the moment B/e^3 times the strains per unit reference length. The stiffnesses of
+  a linear section are S and B; without this change the tip is off by 3 mm.
+- frames belong to elements, so that a fixed first frame clamps the arm half an
+  element from the base. Half an element of the arm connects the frame to the base instead.
 
 Measured: the midlines differ by 2.50, 0.611, 0.152 and 0.0379 mm with 20, 40, 80 and 160 elements
 (orders 2.04, 2.01, 2.00), and Richardson's extrapolations of two meshes by 25, 1.4 and 0.084 um,
 the last 3e-7 of the length.
 
-Source: PyElastica 1.0, https://github.com/GazzolaLab/PyElastica, doi:10.5281/zenodo.7658871; its
-equations are those of M. Gazzola, L. H. Dudte, A. G. McCormick and L. Mahadevan, "Forward and
-inverse problems in the mechanics of soft filaments", Royal Society Open Science 5 (2018) 171628.
+Source: PyElastica 1.0, https://github.com/GazzolaLab/PyElastica, doi:10.5281/zenodo.7658871; for
+the equations, see M. Gazzola, L. H. Dudte, A. G. McCormick and L. Mahadevan, "Forward and inverse
+problems in the mechanics of soft filaments", Royal Society Open Science 5 (2018) 171628.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class Tendon(elastica.NoForces):
 
 
 def hung(n: int, step: float) -> tuple[Any, Any]:
-    """The straight rod of n elements under its loads, and its simulator with that time step [s]."""
+    """Return the straight rod of n elements under its loads, and a simulator of a step [s]."""
     h = LENGTH / n
     middle = (np.arange(n) + 0.5) * h
     t, d = np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0])
@@ -141,7 +142,7 @@ def hung(n: int, step: float) -> tuple[Any, Any]:
 
 
 def relaxed(n: int) -> Array:
-    """The midline (21, 3) at STATIONS on which n elements come to rest [m]."""
+    """Return the midline (21, 3) at STATIONS on which n elements come to rest [m]."""
     time, step = 0.0, 0.04 * LENGTH / n  # 0.4 of the time that a wave takes through an element
     rod, simulator = hung(n, step)
     stepper = elastica.PositionVerlet()

@@ -152,7 +152,7 @@ _PIECES = 60
 
 @dataclass(frozen=True)
 class Grid:
-    """Steps between anchorages and loads, and their two Gauss nodes."""
+    """Return the steps between anchorages and loads, and their two Gauss nodes."""
 
     ends: Any
     h: Any
@@ -172,7 +172,7 @@ GRID = Grid.made()
 
 
 def settled_strains(shape: Shape) -> Any:
-    """(kappa, nu) (N, 6) at the nodes; nu from the slope of the midline, so that it has shear."""
+    """Return (kappa, nu) (N, 6) at the nodes; nu, the slope of the midline, includes shear."""
     s = GRID.nodes.ravel()
     slope = np.zeros((s.size, 3))
     for piece in GRID.ends:
@@ -226,7 +226,7 @@ def terms(v: Any, scene: Scene, T: Any) -> Any:
 
 
 def variation(scene: Scene, seed: int) -> Any:
-    """A smooth change of those strains that the scene has, of the size of strains."""
+    """Return a smooth change of the strains of the scene, of the size of the strains."""
     rng = np.random.default_rng(seed)
     waves = np.cos(np.outer(GRID.nodes.ravel() / L, np.pi * np.arange(4)))
     size = np.array([1 / L] * 3 + [0.3 * scene.has(Extension)] + [0.3 * scene.has(Shear)] * 2)
@@ -239,7 +239,7 @@ def settled(name: str) -> Any:
 
 
 def imbalance(name: str, seed: int, T: Any) -> float:
-    """The change of the potential, over the sum of the sizes of its parts' changes."""
+    """Return the change of the potential over the sum of the sizes of the changes of its parts."""
     v, scene = settled(name), CONSERVATIVE[name]
     parts = terms(v + 1e-30j * variation(scene, seed), scene, T).imag / 1e-30
     return float(abs(parts.sum()) / np.abs(parts).sum())

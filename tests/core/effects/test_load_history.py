@@ -39,7 +39,7 @@ UPRIGHT = replace(Arm.from_paper("table-2"), base_frame=UP)
 EXACT = Scene(Extension(), ExactTendons(), Weight())
 SILICONE = Scene.silicone(Weight())
 G, LINKS = 9.81, 60
-# Two stable shapes of the arm of table 4 in air, by what acts first.
+# Two stable shapes of the arm of table 4 in air; the order of the loads selects the shape.
 BISTABLE = [0, 0.01, 0, 0, 0.09, 0, 0, 0, 11.42, 0, 11.31, 6.86]
 
 
@@ -150,7 +150,7 @@ def test_far_tensions_are_reached_on_the_branch_of_near() -> None:
 
 @pytest.mark.parametrize("tapered", [False, True])
 def test_unique_equilibrium_below_the_load_of_a_column(tapered: bool) -> None:
-    """The limit is that of a column under its weight (Greenhill 1881), and of a cone."""
+    """The limit is the critical weight of a column (Greenhill 1881), and of a cone."""
     L, R, E = 0.3, 0.01, 1e5
     tip = 1e-3 * R if tapered else R
     # (x^4 v')' + q x^3 v = 0 for a cone, v'' + q x v = 0 for a cylinder, x from the tip.
@@ -166,7 +166,7 @@ def test_unique_equilibrium_below_the_load_of_a_column(tapered: bool) -> None:
 
 
 def test_plan_takes_a_shape_that_the_arm_reaches_from_rest() -> None:
-    """The cheapest shapes at this tip are stable, but not those that the arm takes."""
+    """The cheapest shapes at this tip are stable, but the arm does not reach them from rest."""
     t = np.array([0.3347, -0.0268, -0.942]) / np.linalg.norm([0.3347, -0.0268, -0.942])
     across = np.cross(np.cross(t, [-0.8559, 0.4096, -0.3158]), t)
     n = across / np.linalg.norm(across)

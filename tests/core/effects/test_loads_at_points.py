@@ -55,7 +55,7 @@ def test_a_dead_force_across_the_tip_makes_an_elastica(alpha: float) -> None:
 @pytest.mark.parametrize("bar", [BAR, Bar(0.012, 0.004)], ids=["uniform", "conical"])
 def test_a_follower_force_is_an_initial_value_problem_from_the_tip(bar: Bar, alpha: float) -> None:
     force = alpha * bar.EJ(0.5 * L) / L**2
-    # n of the paper's frame is -y where t is x.
+    # n of the paper's frame is -y if t is x.
     shape = settle(bar.arm, NO_PULL, Scene(TipLoad((0, -force, 0), follower=True)), 1e-10)
     wanted = follower_elastica(bar, force, np.linspace(0, L, 9))
     assert np.allclose(shape.position(np.linspace(0, L, 9))[:, :2], wanted, atol=1e-10 * L, rtol=0)
@@ -138,7 +138,7 @@ def test_a_point_load_on_the_base_does_nothing() -> None:
 
 
 def under_moment(moment: Array, s: float) -> tuple[Array, Array]:
-    """Position and frame of a uniform bar under a constant moment: a helix about it."""
+    """Return position and frame of a uniform bar under a constant moment: a helix."""
     base = np.array(PAPER_FRAME)
     twist = float(moment @ base[:, 0])
     rate = moment / EJ
@@ -171,7 +171,7 @@ def test_a_moment_at_the_tip_winds_a_bar_into_arc_or_helix(name: str) -> None:
 def test_a_moment_that_follows_the_tip_winds_the_bar_from_there(name: str) -> None:
     moment = np.array(MOMENTS[name]) * EJ / L
     shape = settle(BAR.arm, NO_PULL, Scene(TipLoad(moment=tuple(moment), follower=True)), 1e-11)
-    # Seen from the tip the base is where the same bar would end at s = -L; n, b are -y, -z here.
+    # Seen from the tip, the base is at the end of the same bar at s = -L; n, b are -y, -z here.
     base = np.array(PAPER_FRAME)
     position, frame = under_moment(base @ moment, -L)
     turn = base @ frame.T
@@ -180,7 +180,7 @@ def test_a_moment_that_follows_the_tip_winds_the_bar_from_there(name: str) -> No
 
 
 def co_contracted(y: float) -> Arm:
-    """The bar with four tendons at a constant distance from its axis."""
+    """Return the bar with four tendons at a constant distance from its axis."""
     return Arm(L, Linear(0.01, 0.01), (Anchorage(L, Linear(y, y)),))
 
 
@@ -204,7 +204,7 @@ def test_exact_tendons_that_are_twisted_into_helices(pull: float, rubber: bool) 
     shape = settle(co_contracted(y), [pull] * 4, scene, 1e-9)
 
     def twist(stretch: float) -> float:
-        """Of kappa (GI + 4 T y2 / |c|) = M, with offsets that shrink in rubber."""
+        """Return kappa of kappa (GI + 4 T y2 / |c|) = M, with offsets that shrink in rubber."""
         lever, stiff = (y**2 / stretch, GI / stretch) if rubber else (y**2, GI)
 
         def gap(kappa: float) -> float:

@@ -16,7 +16,7 @@ from tests.core.effects.cases import DATA, Array
 ROBOT = json.loads((DATA / "tdcr_reference.json").read_text())
 CASES = {case["id"]: case for case in ROBOT["cases"]}
 LOADED = [name for name in CASES if name.endswith("load")]
-# Its arm points along z, with its tendons' sides given along x and y: t = z, n = x, b = y.
+# The arm points along z; tendons are placed along x and y: t = z, n = x, b = y.
 FRAME = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 SCENE = (Extension(), ExactTendons(), Shear())
 
@@ -51,7 +51,7 @@ def settled(name: str) -> Shape:
 
 
 def far(name: str) -> float:
-    """What the references are good to [m]."""
+    """Return the accuracy of the references [m]."""
     return 1e-9 if name.endswith("load") else 1e-11
 
 

@@ -39,12 +39,12 @@ from tests.core.effects.cases import Array
 L, R, Y, E, NU, DENSITY = 0.2, 0.01, 0.006, 150e3, 0.4, 1100.0
 A, EJ = np.pi * R**2, E * np.pi * R**4 / 4
 WORLD = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-# A follower load of nothing takes an arm to the equations of those with loads.
+# A follower load of size zero selects the equations of loaded arms.
 NOTHING = TipLoad((0.0, 0.0, 0.0))
 
 
 def _arm(n: Linear | Sampled, b: Linear | Sampled) -> Arm:
-    """A cylinder with tendons at 0 and 90 degrees, its frame that of the world."""
+    """Return a cylinder with tendons at 0 and 90 degrees in the world frame."""
     tendons = Anchorage(L, Linear(Y, Y), (0.0, np.pi / 2))
     rest, body = RestCurvature(n, b), Material(E, NU, DENSITY)
     return Arm(L, Linear(R, R), (tendons,), body, WORLD, rest_curvature=rest)

@@ -1,4 +1,4 @@
-"""Effects and scenes are values: which go together, and what they say."""
+"""Effects and scenes are values: valid combinations, and their text."""
 
 from __future__ import annotations
 

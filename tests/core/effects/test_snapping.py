@@ -1,4 +1,4 @@
-"""Arms that snap, buckle, or fall to a side: told, and where they end."""
+"""Arms that snap, buckle, or fall to a side: errors, and the shapes in which they end."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_a_push_that_follows_the_tip_buckles_no_static_bar(share: float) -> None
 
 
 def taut_elastica(alpha: float, s: Array) -> Array:
-    """(x, y) under alpha EJ / L2 across the tip of a bar that is long for it: exp(-root) is 0.
+    """Return (x, y) of a long bar under a transverse tip force alpha EJ / L2: exp(-root) is 0.
 
     The angle to the force is 4 atan(tan(pi / 8) exp(-root s / L)), root = sqrt(alpha).
     """
@@ -102,7 +102,7 @@ def rod(load: float) -> LoadedRod:
 
 
 def turn_of_base(load: float) -> Array:
-    """How the base, let go, turns (3, 3) where the tip of the settled arm is turned a little."""
+    """Return the rotation (3, 3) of a free base per rotation of the tip of the settled arm."""
     held = rod(load)
     tip = held.settle(2)
     columns = []
@@ -135,5 +135,5 @@ def test_at_the_load_that_is_told_it_may_leave_its_plane() -> None:
     below, above = (turn_of_base(times * critical()) for times in (0.99, 1.01))
     for turn in (below, above):
         assert np.abs(turn[:2, 2]).max() < 1e-5
-        assert turn[2, 2] > 0.1  # within the plane it is well held
+        assert turn[2, 2] > 0.1  # stable within the plane
     assert np.linalg.det(below[:2, :2]) > 0 > np.linalg.det(above[:2, :2])

@@ -1,4 +1,4 @@
-"""Loads that are too heavy for an arm bend it over, or are refused in words; nothing hangs."""
+"""Loads that are too heavy bend an arm over, or raise an error; no call hangs."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ MULTIPLES = [0.5, 2.0, 4.0, 8.5, 9.5, 16.0, 24.0, 26.0, 60.0, 200.0]
 
 
 def bent_over(force: float, way: float) -> float:
-    """The angle of the tip of a bar without inflection under a force at `way` from its axis.
+    """Return the angle of the tip of a bar without inflection under a force at `way` from its axis.
 
     With a the angle between tip and force and q = cos(a / 2), L (F / EJ)^(1/2) = K(q) - F(f, q),
-    sin f = cos(way / 2) / q: the pendulum that swings from the clamp to its turning point.
+    sin f = cos(way / 2) / q: a pendulum that swings from the clamp to the turning point.
     """
     wanted = BAR.length * np.sqrt(force / BAR.EJ(0.0))
 
@@ -106,7 +106,7 @@ def test_a_plan_of_three_sections_under_a_payload_that_folds_them_comes_to_an_en
 
 
 def check_outcome(arm: Arm, force: tuple[float, float, float], seconds: float | None) -> None:
-    """Plan under a payload; whatever comes of it says what it is."""
+    """Plan under a payload; the outcome or the error must describe the result."""
     try:
         found = plan(arm, TIP, Scene(Extension(), TipLoad(force)), 20.0, time_limit=seconds)
     except OctoplanError as reason:

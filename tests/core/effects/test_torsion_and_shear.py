@@ -21,7 +21,7 @@ TANGENTS = pytest.mark.parametrize("more", [(), (ExactTendons(),)], ids=["paper"
 
 
 def flexibility(bar: Bar, k_s: float) -> float:
-    """Deflection of the tip for a unit force across it, of bending and of shear."""
+    """Return the deflection of the tip per transverse unit force, by bending and by shear."""
     bending = quad(lambda s: (bar.length - s) ** 2 / bar.EJ(s), 0, bar.length, epsrel=1e-13)[0]
     G = bar.E / (2 * (1 + bar.nu))
     return float(bending + quad(lambda s: 1 / (k_s * G * bar.A(s)), 0, bar.length)[0])

@@ -1,4 +1,4 @@
-"""Paths of tendons: helices, against a balance in NumPy; a path of its own for each tendon."""
+"""Paths of tendons: helices, against a balance in NumPy; a different path for each tendon."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _arm(turn: Linear | Sampled | None = TURNING) -> Arm:
 
 
 def _tip_of_helix(T: float, turn: float = TURN) -> np.ndarray:
-    """Integrate u' = R nu, R' = R kappa where energy plus T |c| is stationary at each section.
+    """Integrate u' = R nu, R' = R kappa with stationary energy plus T |c| at each section.
 
     Strain energies of a linear section; c = nu + Y' + kappa x Y with Y turning along s. A single
     tendon, no loads: each cross-section balances by itself.
@@ -80,7 +80,7 @@ def test_a_helical_tendon_bends_and_twists_as_its_balance_says(T: float) -> None
 
 @pytest.mark.parametrize("turn", [1.1, 4.0])
 def test_a_helical_tendon_that_bends_the_arm_far_is_borne(turn: float) -> None:
-    """Equilibria without loads had no torsion to begin with: "at 0.0 % of the loads it snaps"."""
+    """Equilibria without loads had no torsion: the arm was refused "at 0.0 % of the loads"."""
     shape = settle(_arm(Linear(0.0, turn)), [4.0, 0.0], EXACT, accuracy=1e-9)
     assert np.allclose(shape.tip, _tip_of_helix(4.0, turn), atol=1e-8 * L)
     assert shape.stability == pytest.approx(1.0)
@@ -103,7 +103,7 @@ def test_a_sampled_turn_with_friction_settles_near_the_linear_one() -> None:
 
 
 def test_each_tendon_may_have_a_path_of_its_own() -> None:
-    """What two sections that end together would be: tendon by tendon the same forces."""
+    """Two sections that end together have the same forces, tendon by tendon."""
     scene, T = Scene(Extension(), ExactTendons(), Weight()), [0.5, 1.0]
     offsets, turns = (Linear(Y, Y / 2), Linear(Y / 3, Y)), (TURNING, Linear(0.2, -0.4))
     both = Anchorage(L, offsets, (ANGLE, ANGLE + np.pi / 2), turns)

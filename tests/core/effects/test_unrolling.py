@@ -1,4 +1,4 @@
-"""A payload that pulls on a curled arm unrolls it, as a collocation of the same arm says."""
+"""A payload that pulls on a curled arm unrolls the arm, as in a collocation of the same arm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from tests.core.effects.cases import Array
 
 ARM, L = Arm.from_paper("table-4"), 0.45
 CUTS = np.array([0.0, 0.135, 0.315, 0.45])
-# End, offset there and at the base, of each section's tendons; pulls of those on n and on -n [N].
+# End, offsets at the end and at the base of each section's tendons; tensions of the tendons on n
+# and on -n [N].
 ROWS = ((0.45, 1e-3, 7.5e-3), (0.315, 3.5e-3, 3.5e-3), (0.135, 6e-3, 6e-3))
 PULLS = ((0.0, 0.2), (1.0, 0.0), (0.0, 3.0))
 WAYS = {"outward": (1.0, 0.0), "to its side": (0.8, 0.6), "across": (0.6, -0.8)}

@@ -34,7 +34,7 @@ LIGHT = 1e-5
 
 
 def sagging(bar: Bar, g: float) -> float:
-    """Of the tip under the bar's own weight, for small loads."""
+    """Return the deflection of the tip under the bar's own weight, for small loads."""
     return bar.deflection(lambda s: bar.density * g * bar.A(s))
 
 
@@ -180,11 +180,11 @@ def test_masses_off_a_beam_bend_it_as_solve_bvp_says() -> None:
     at, masses, offs = 0.6 * L, (0.004, 0.006), ((0.01, -0.03), (-0.02, 0.04))
 
     def lever(theta: Array, off: tuple[float, float], mass: float) -> Array:
-        """The moment of a mass about z: x of its place times its weight, downward along y."""
+        """The moment of a mass about z is x times the weight, which acts along -y."""
         return np.asarray(-mass * g * (np.cos(theta) * off[0] - np.sin(theta) * off[1]))
 
     def rates(x: Array, y: Array) -> Array:
-        """Both pieces side by side: (x, y, theta, M) of each over a share of its length."""
+        """Integrate both pieces together: (x, y, theta, M) of each over its length."""
         found = []
         for piece, (start, size) in enumerate(((0.0, at), (at, L - at))):
             theta, M = y[4 * piece + 2 : 4 * piece + 4]

@@ -1,7 +1,8 @@
-"""Arms that are hard by their shape: slender tips, many turns, layouts of anchorages and tendons.
+"""Arms of difficult shapes: slender tips, many turns, layouts of anchorages and tendons.
 
-The radius at the tip is 1/5 to 1/1000 of that at the base, E J 1e12 times less; arms curl up to
-five times round; anchorages 1e-6 L apart, 1, 2, 10, 40 sections, 1 to 160 tendons."""
+The radius at the tip is 1/5 to 1/1000 of the radius at the base, and E J 1e12 times smaller; arms
+curl up to five times round; anchorages 1e-6 L apart, 1, 2, 10, 40 sections, 1 to 160 tendons.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from tests.random_arms import log_uniform
 
 
 def slender(rng: np.random.Generator) -> tuple[Rod, Array]:
-    """One to four sections; tendons at a tenth to 0.9 of the radius, at both of their ends."""
+    """One to four sections; tendons at a tenth to 0.9 of the radius, at both ends."""
     L, thick = rng.uniform(0.1, 0.6), rng.uniform(8e-3, 20e-3)
     radius = linear(thick, thick * log_uniform(rng, 1e-3, 0.2), L)
     ends = [L, *(L * np.sort(rng.uniform(0.1, 0.95, rng.integers(0, 4)))[::-1])]
@@ -42,7 +43,7 @@ SLENDER = Family("slender tips", 1e-8, slender, check_strains_and_tip)
 
 
 def curled(rng: np.random.Generator) -> tuple[Rod, Array]:
-    """A long arm, mostly curled about one axis, out of its plane by a second section."""
+    """A long arm, mostly curled about one axis; a second section bends the arm out of its plane."""
     L, turns = 0.6, rng.uniform(1, 5)
     R = L / 100
     radius = linear(R, R * rng.uniform(0.5, 1), L)

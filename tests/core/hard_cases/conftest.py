@@ -1,4 +1,4 @@
-"""How many members of each family of hard cases are looked at."""
+"""Number of tested members of each family of hard cases."""
 
 import pytest
 

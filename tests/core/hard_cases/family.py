@@ -20,17 +20,17 @@ class WrongAnswerError(AssertionError):
 
 @dataclass(frozen=True)
 class Family:
-    """Members that are hard in the same way.
+    """Cases that share one difficulty.
 
     Attributes
     ----------
     name : str
     tolerance : float
-        Of the error that `check` returns.
+        Tolerance of the error that `check` returns.
     draw : Callable
-        A generator of random numbers -> a member, which is what `check` takes.
+        A generator of random numbers -> a member, the argument of `check`.
     check : Callable
-        -> a member's worst error, or a refusal: an error of the project's tree or RefusedError.
+        A member -> the largest error, or a refusal: an OctoplanError or RefusedError.
     refuses : bool
         Whether a member may be refused.
     """
@@ -43,12 +43,12 @@ class Family:
 
 
 class RefusedError(Exception):
-    """An outcome that says why there is no answer."""
+    """An outcome that gives the reason for a missing result."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a member: its error, or why it was refused, and the time it took [s]."""
+    """Result of a member: error or reason of the refusal, and time [s]."""
 
     member: tuple[Any, ...]
     error: float
@@ -56,12 +56,12 @@ class Verdict:
     seconds: float
 
     def passes(self, family: Family) -> bool:
-        """Return whether the member is right to the tolerance, or refused where that is allowed."""
+        """Return whether the member is right to the tolerance, or refused if this is allowed."""
         return family.refuses if self.refusal else self.error <= family.tolerance
 
 
 def judge(family: Family, seed: int) -> Verdict:
-    """Return the verdict on the member of a seed; what is not a number is infinitely wrong."""
+    """Return the verdict on the member of a seed; NaN counts as an infinite error."""
     member = family.draw(np.random.default_rng(seed))
     begin = time.perf_counter()
     error, refusal = math.inf, ""

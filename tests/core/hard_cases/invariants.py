@@ -1,4 +1,4 @@
-"""What is known exactly: values without tension, other units, rotated and mirrored scenes."""
+"""Exact relations: values without tension, other units, rotated and mirrored scenes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ BARE = {"bare": Scene(), **STATICS}
 
 
 def even(rng: np.random.Generator) -> tuple[Arm, str, Array]:
-    """Draw an arm with four tendons a section, its statics, and the pull of all of each section.
+    """Draw an arm with four tendons a section, its statics, and the common tension of each section.
 
-    A third of the members pull nowhere, the others alike on all sides of some sections.
+    A third of the members has no tension; the others pull alike on all sides of some sections.
     """
     L, n = rng.uniform(0.2, 0.5), int(rng.integers(1, 4))
     ends = L * (1 - np.arange(n) / n)
@@ -32,11 +32,11 @@ def even(rng: np.random.Generator) -> tuple[Arm, str, Array]:
 
 
 def check_even(arm: Arm, statics: str, pull: Array) -> float:
-    """Return the worst error of a derivative, or 1e7 times how far the arm is from straight."""
+    """Return the largest error of a derivative, or 1e7 times the deviation from a straight arm."""
     scene, T = BARE[statics], np.repeat(pull, 4)
     shape = settle(arm, T, scene, 1e-12)
     s = np.linspace(0, arm.length, 23)
-    # An unloaded arm's mesh adds up to its length but for rounding.
+    # The mesh of an unloaded arm adds up to the arm's length except for rounding.
     length = arm.length if not T.any() or statics == "bare" else shape.tip[0]
     apart = np.linalg.norm(shape.tip - [length, 0, 0]) / arm.length
     apart = max(apart, np.abs(shape.strain(s)[:, :3]).max() * arm.length)
@@ -75,9 +75,9 @@ EXACT_VALUES = Family("exact values", 1e-6, even, check_even)
 
 
 def in_units(rng: np.random.Generator) -> tuple[float, float, Array, Scene]:
-    """Draw by how much lengths and moduli grow; tensions of the arm of table 4, a scene.
+    """Draw factors of lengths and moduli, tensions of the arm of table 4, and a scene.
 
-    Tensions are of an arm that bends by right angles, maxima a few times those.
+    Tensions bend the arm by right angles; limits are a few times larger.
     """
     T = np.ravel(rng.uniform(0, 1, (3, 4)) * [[0.2], [1], [3]]) * (rng.uniform(size=12) < 0.5)
     scene = list(STATICS.values())[int(rng.integers(3))]
@@ -94,7 +94,7 @@ def scaled(length: float, modulus: float) -> Arm:
 
 
 def check_units(length: float, modulus: float, T: Array, scene: Scene) -> float:
-    """Return how far the settles over L, and the planned tensions over the largest, are apart."""
+    """Return the distance of settled shapes over L, and of planned tensions over the largest."""
     force = modulus * length**2
     arms = scaled(1.0, 1.0), scaled(length, modulus)
     first = settle(arms[0], T, scene, 1e-10)
@@ -131,9 +131,9 @@ def turned_scene(rng: np.random.Generator) -> tuple[Array, Scene, Array, Array]:
 
 
 def check_turned(T: Array, scene: Scene, turn: Array, force: Array) -> float:
-    """Return how far settles over L and planned tensions over the largest are apart.
+    """Return the distance of settled shapes over L, and of planned tensions over the largest one.
 
-    Tensions over a hundred: plans are polished to fewer digits than shapes are settled to.
+    Tensions are divided by a hundred: plans have fewer digits than settled shapes.
     """
     arm = Arm.from_paper("table-4")
     frame = turn @ np.array(arm.base_frame)

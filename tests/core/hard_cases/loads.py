@@ -21,15 +21,15 @@ from tests.core.effects.bars import (
 from tests.core.hard_cases.family import Array, Family, WrongAnswerError
 from tests.random_arms import log_uniform
 
-# Of E J / L2: what turns the tip by 85 degrees (a dead load never reaches 90) and by 90.
+# In units of E J / L2: turns the tip by 85 degrees (a dead load never reaches 90) and by 90.
 DEAD, FOLLOWER = 14.7, 3.5
 KINDS = ("dead", "dead, tapered", "follower", "follower, tapered", "pushed", "pushed on its axis")
 
 
 def loaded(rng: np.random.Generator) -> tuple[Bar, str, tuple[float, float]]:
-    """A bar, which way it is loaded, the load (along, across) [N].
+    """Draw a bar, the direction of its load (along, across), and the load [N].
 
-    Pushes are 0.5 to 1.5 times Euler's load, some exactly on the axis.
+    Axial loads are 0.5 to 1.5 times Euler's load, some exactly on the axis.
     """
     kind = str(rng.choice(KINDS))
     tip = 0.01 * (rng.uniform(0.5, 1) if kind.endswith("tapered") else 1.0)
@@ -66,7 +66,7 @@ def check_loaded(bar: Bar, kind: str, force: tuple[float, float]) -> float:
 
 
 def _wanted(bar: Bar, kind: str, force: Array, s: Array) -> Array:
-    """Return (x, y) at s by closed forms where there are any, else by shooting."""
+    """Return (x, y) at s by closed forms if there are any, otherwise by shooting."""
     if kind.startswith("follower"):
         return follower_elastica(bar, force[1], s).T
     alpha = force[1] * bar.length**2 / float(bar.EJ(bar.length))
@@ -79,7 +79,7 @@ HEAVY_LOADS = Family("heavy loads", 1e-6, loaded, check_loaded)
 
 
 def rubbed(rng: np.random.Generator) -> tuple[Any, ...]:
-    """What `capstan` takes.
+    """Draw the arguments of `capstan`.
 
     A third of the offsets are constant, a third change sign; a quarter has no friction.
     """
@@ -89,7 +89,7 @@ def rubbed(rng: np.random.Generator) -> tuple[Any, ...]:
     b = [min(a, 0.7 * tip), -tip * rng.uniform(0.1, 0.6), tip * rng.uniform(0.1, 0.6)]
     most = 110e3 * np.pi * tip**2 * 0.25
     mu, way = rng.uniform(0, 2) * (rng.uniform() < 0.75), int(rng.choice([1, -1]))
-    # What pays out grows towards the tip: it must not crush it.
+    # The tension of a tendon that pays out grows towards the tip, and must not crush the tip.
     pull = most * rng.uniform(0.01, 1) * (1 if way == 1 else 0.2)
     end = b[int(rng.integers(3))]
     return (base, tip), (a, end), float(L), float(pull), float(mu), way

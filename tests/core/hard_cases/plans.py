@@ -1,4 +1,4 @@
-"""Ill-posed plans: certified, or an outcome that says why not."""
+"""Ill-posed plans: certified, or an outcome with the reason for the failure."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def ill_posed(rng: np.random.Generator) -> tuple[Array, Array, Array]:
 
 
 def check_ill_posed(tip: Array, most: Array, least: Array) -> float:
-    """Return how far the oracle's tip under a certified plan is from the target, over L."""
+    """Return the distance of the oracle's tip under a certified plan from the target, over L."""
     arm = Arm.from_paper("table-4")
     target = TipPosition(tuple(tip.tolist()))
     found = plan(arm, target, Scene(Extension()), most, tension_min=least)

@@ -21,9 +21,9 @@ STATICS = {
 
 
 def pulled(rng: np.random.Generator, statics: str) -> tuple[str, Rod, Array]:
-    """Draw a rod with one to four tendons that end at its tip.
+    """Draw a rod with one to four tendons that end at the tip.
 
-    One tendon is taut, at 0.6 to 0.95 of the radius; others pull up to a twentieth as hard.
+    One tendon is taut, at 0.6 to 0.95 of the radius; others have up to a twentieth of its tension.
     """
     L, thick = rng.uniform(0.1, 0.5), rng.uniform(8e-3, 20e-3)
     thin = thick * rng.uniform(0.3, 0.9)
@@ -81,16 +81,16 @@ L, R, E = 0.3, 0.01, 110e3
 
 
 def shortened(rng: np.random.Generator, statics: str) -> tuple[str, float, float]:
-    """Draw the least 1 + q that a linear body would have, and the tendons' offset [m].
+    """Draw the smallest 1 + q of a linear body, and the tendons' offset [m].
 
-    A fifth of the members would be turned inside out, a fifth are within 1e-5 of it.
+    A fifth of the members would be inverted, a fifth are within 1e-5 of this limit.
     """
     stretch = [rng.uniform(0, 0.5), rng.uniform(1e-6, 1e-5), -rng.uniform(1e-6, 0.3)]
     return statics, stretch[rng.choice(3, p=[0.6, 0.2, 0.2])], rng.uniform(0, 0.9) * R
 
 
 def check_shortened(statics: str, stretch: float, offset: float) -> float:
-    """Return the error of the length over L; what a linear body does not bear must be refused."""
+    """Return the error of the length over L; tensions beyond a linear body must be refused."""
     arm = Arm(L, Linear(R, R), (Anchorage(L, Linear(offset, offset)),))
     EA = E * np.pi * R**2
     T = np.full(4, (1 - stretch) * EA / 4)

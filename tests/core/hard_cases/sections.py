@@ -72,7 +72,7 @@ class CrossSection:
         return np.array([*(bend + lever) / self.radius, more]) / self.EA
 
     def hessian(self, x: Array, share: float) -> Array:
-        """By central differences; good enough for steps, and exact in the limit for Newton's."""
+        """Return central differences, which are accurate enough for Newton's steps."""
         columns = []
         for i in range(3):
             h = 1e-7 * np.eye(3)[i]

@@ -50,7 +50,7 @@ def test_members_are_right_or_refused(
     request: pytest.FixtureRequest,
     record_property: Callable[[str, object], None],
 ) -> None:
-    """Judge the members of some seeds; what `studies.hard_cases` draws is recorded."""
+    """Judge the members of some seeds; `studies.hard_cases` records its members."""
     seeds = range(first, FULL if first else request.config.getoption("--members", 1))
     found = [judge(family, seed) for seed in seeds]
     told = [(own.error, own.refusal, own.seconds, own.passes(family)) for own in found]

@@ -1,4 +1,4 @@
-"""Loads from a tenth to 300 times what bends the arm by 60 degrees, against SciPy."""
+"""Loads from a tenth to 300 times the load that bends the arm by 60 degrees, against SciPy."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tests.core.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, paper_rod
 
 ARM, ROD = Arm.from_paper("table-2"), paper_rod("table-2")
-# Bends the arm by 60 degrees, and its direction.
+# The load that bends the arm by 60 degrees, and its direction.
 FORCE, ALONG = 0.0439, np.array([0.3, 0.5, 0.8])
 STATICS: dict[str, tuple[Effect, ...]] = {
     "paper": (Extension(),),
     "exact": (Extension(), ExactTendons()),
     "silicone": Scene.silicone().effects,
 }
-# As an initial value problem dead loads grow beyond all digits from some tens on.
+# Solutions of an initial value problem under dead loads of some tens grow beyond all digits.
 CASES = [
     (statics, follower, times)
     for statics in STATICS

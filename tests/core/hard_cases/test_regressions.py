@@ -1,4 +1,4 @@
-"""What hard cases broke once."""
+"""Hard cases that failed once."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ def test_exact_tendons_settle_at_any_tension(times: float, extension: bool) -> N
 
 @pytest.mark.slow
 def test_a_shape_says_where_a_tendon_has_no_length_left() -> None:
-    # 15, 120, 390 N settle, 5, 40, 130 N are refused: neither is an arm, and only one said so.
+    # 15, 120, 390 N settle, 5, 40, 130 N are refused: both are impossible, only one raised an
+    # error.
     T = np.zeros((3, 4))
     T[0, 2], T[1, 0], T[2, 1] = 15, 120, 390
-    # No mesh settles it to 1e-4: strains jump.
+    # No mesh settles this arm to 1e-4: strains jump.
     shape = settle(ARM, T, Scene.silicone(), 1e-3)
     assert shape.folded is not None
     assert "no arm bends so far: at s = " in repr(shape)
@@ -55,7 +56,7 @@ ROLLED = [
 @pytest.mark.parametrize("T", ROLLED, ids=["one", "another", "a fetch"])
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
 def test_errors_of_arms_that_are_folded_are_true(T: list[list[float]], accuracy: float) -> None:
-    """Strains have a kink where a tendon comes to no length, and estimates counted on order six."""
+    """Strains have a kink at a tendon without length, but estimates assumed order six."""
     scene = Scene(Extension(), ExactTendons())
     shape, finest = settle(ARM, T, scene, accuracy), collocated(ARM, T, scene, 3, 192)
     assert shape.folded is not None
@@ -105,7 +106,7 @@ def test_exact_tendons_that_leave_no_length_crush_the_arm() -> None:
 
 
 def test_a_tendon_that_crosses_the_midline_has_a_kink_in_its_tension_there() -> None:
-    # The estimate took no notice of it: 1e-6 of the length off for 1e-7 asked.
+    # The estimate ignored this place: an error of 1e-6 of the length at an accuracy of 1e-7.
     assert check_rubbed((0.012, 0.0119), (4.3e-3, -5.9e-3), 0.265, 1.42, 0.78, 1) < 1e-7
 
 
@@ -119,7 +120,8 @@ def test_a_mesh_before_one_that_failed_says_nothing_about_one_after_it() -> None
 
 @pytest.mark.slow
 def test_sections_where_the_energy_hardly_curves_are_settled() -> None:
-    # Steps had no less than a tenth of the stiffness at rest and crept, one set in twenty of these.
+    # Steps assumed at least a tenth of the stiffness at rest and were too short, for 5 % of these
+    # sets.
     T = np.array([3.169, 0.369, 0, 1.748, 0, 0, 4.912, 0, 0, 4.127, 0.292, 0])
     rng = np.random.default_rng(0)
     sets = T + rng.uniform(-5e-4, 5e-4, (300, 12)) * (T > 0)

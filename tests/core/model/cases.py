@@ -34,7 +34,7 @@ def path_of(profile: PPoly) -> Path:
 
 
 def random_rod(rng: np.random.Generator) -> Rod:
-    """Return a rod of 1 to 6 sections, 1 to 5 tendons each at any angle; half of them sampled."""
+    """Return a rod of 1 to 6 sections with 1 to 5 tendons each at any angle; half are sampled."""
     L, thick = rng.uniform(0.1, 0.6), rng.uniform(8e-3, 20e-3)
     thin = thick * rng.uniform(0.15, 1.0)
     curved = rng.integers(2) == 0

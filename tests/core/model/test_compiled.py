@@ -1,4 +1,4 @@
-"""Compiled kernels: the same digits in every scene, and a clear word where there is no compiler."""
+"""Compiled kernels: equal digits in every scene, and a clear error without a compiler."""
 
 from __future__ import annotations
 

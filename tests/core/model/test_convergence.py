@@ -67,7 +67,7 @@ EACH = [
     for key in SCENES
     for name in (PRINTED if key == "as_printed" else MAPS)
 ]
-# All others take their strains from the balance of each cross-section, without error.
+# Other schemes take strains from the balance of each cross-section, without error.
 STRAINED = [case for case in EACH if case.values[1] == "as_printed"]
 
 
@@ -77,7 +77,7 @@ def orders(errors: list[float]) -> Array:
 
 
 def meshes(arm: str, name: str) -> tuple[int, ...]:
-    """Return refinements where the error is asymptotic and well above rounding."""
+    """Return refinements at which the error is asymptotic and well above rounding."""
     if name in ("rk8", "gauss8"):
         return (2, 4) if arm == "table-2" else (8, 16)
     coarsest = (2 if arm == "table-2" else 4) * (2 if name in PRINTED else 1)

@@ -1,4 +1,4 @@
-"""The tip error that a shape states, against the one it has."""
+"""The stated tip error of a shape, against the true error."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ def test_stated_errors_are_as_fine_as_asked_bound_the_true_ones_and_are_not_far_
     assert (true <= stated).sum() >= 0.99 * sets
     assert np.all((stated > 0) & (stated <= asked))
     assert np.median(stated / true) < 10
-    # They take meshes of many sizes.
+    # The shapes use meshes of many sizes.
     assert true.min() < 1e-10 and true.max() > 1e-6

@@ -1,4 +1,4 @@
-"""Compiled code on disk: built once, safe among processes, never loaded if it was changed."""
+"""Compiled code on disk: built once, safe among processes, never loaded after a change."""
 
 from __future__ import annotations
 

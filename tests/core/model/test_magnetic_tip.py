@@ -1,7 +1,7 @@
 """An effect that the model does not contain: a magnet on the tip in a uniform field.
 
-The moment on the tip is (R m) x B with the dipole moment m fixed in the frame of the tip. An
-effect with its rod term states all of this.
+The moment on the tip is (R m) x B with the dipole moment m fixed in the frame of the tip. One
+effect with its rod term defines the magnet.
 """
 
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ SCENE = Scene(MagneticTip(DIPOLE, FIELD))
 
 
 def bar_end(bar: Bar, moment: Any) -> tuple[Any, Any]:
-    """Frame and position at the tip of a bar under a moment that is the same all along it."""
+    """Return frame and position at the tip of a bar under a constant moment."""
     stiffness = np.array([bar.GI(0), bar.EJ(0), bar.EJ(0)])
 
     def rates(_: float, y: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Long calls show how far they are: where somebody looks, after a while, one line for all."""
+"""Long calls report progress: to a terminal, after a while, in one line for all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tips of the paper's figures against those of an independent program."""
+"""Tips of the paper's figures against an independent program."""
 
 from __future__ import annotations
 

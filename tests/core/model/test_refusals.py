@@ -36,7 +36,7 @@ THIN, BODY = Linear(1e-3, 1e-3), Linear(0.01, 0.01)
 ONE = (Anchorage(0.3, THIN),)
 FLAT4 = (1e-3,) * 4
 INF, NAN = np.inf, np.nan
-# What is beneath the mask was not measured.
+# Values beneath the mask were not measured.
 MASKED = np.ma.array(np.full(12, 0.1), mask=np.arange(12) == 0)
 
 
@@ -353,5 +353,5 @@ def test_errors_travel_between_processes(error: OctoplanError) -> None:
 
 @pytest.mark.parametrize("reached", [np.inf, np.nan])
 def test_an_arm_of_which_no_error_is_known_is_not_settled(reached: float) -> None:
-    """Used to be settled to nan of its length."""
+    """The arm was settled with an error of NaN."""
     assert str(ConvergenceError(1e-8, reached, "x")) == "the arm was not settled; x"

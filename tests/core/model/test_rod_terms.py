@@ -1,4 +1,4 @@
-"""Rod terms of equal structure have the same expressions: all their numbers are parameters."""
+"""Rod terms of equal structure have the same expressions: all numbers are parameters."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Arms, scenes and shapes as people see them, and what a shape tells that no arm does."""
+"""Arms, scenes and shapes as text and figures, and remarks about impossible shapes."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_scene_shows_what_makes_it(scene: Scene) -> None:
 
 
 def test_a_scene_is_shown_in_notebooks() -> None:
-    # Tables are the planner's: they are there once octoplan is loaded.
+    # The planner defines the tables, and is loaded with octoplan.
     shown = octoplan.Scene.silicone(Weight())._repr_html_()
     assert ">Weight</td>" in shown and ">g = (0.0, 0.0, -9.81)</td>" in shown
 
@@ -130,7 +130,7 @@ def test_a_hundred_newtons_on_one_tendon_are_told_with_numbers() -> None:
     sharp, crosses = shape.remarks
     assert isinstance(seen[0].message, ShapeWarning)
     assert seen[0].message.details == sharp
-    # k = T y / (E J + T y^2), where it is largest against the radius: at the tip.
+    # k = T y / (E J + T y^2) is largest against the radius at the tip.
     E, R, y = (
         TABLE_2.material.E,
         6.5e-3,

@@ -1,4 +1,4 @@
-"""The transcription by collocation: order, derivatives, structure, and what verifies it."""
+"""The transcription by collocation: order, derivatives, structure, and verification."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, s
 
 
 def somewhere(here: DiscreteRod, seed: int) -> Array:
-    """Unknowns of a bent arm off its equilibrium."""
+    """Return unknowns of a bent arm off its equilibrium."""
     rng, law = np.random.default_rng(seed), here.layout.structure.law
     v = 3.0 * rng.normal(size=here.layout.stages.shape)
     v[:, 3] = law.along_at_rest + 0.02 * v[:, 3]
@@ -96,7 +96,7 @@ def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene:
 def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str) -> None:
     scene, given = SCENES.get(name, Scene()), Arm.from_paper(arm)
     pulls = {"table-4": PULLS, "section-5.2": np.array([0.3, 0.2, 0.0, 0.1])}[arm]
-    # As coarse as to be off by some millionths of the length.
+    # A coarse mesh, with an error of some millionths of the length.
     here = Collocation(system(given, scene, 2, 2)).solve(pulls)
     corrected, error = verify(here, 1e-8)
     wanted = settle(given, pulls, scene, 1e-10).tip
@@ -110,7 +110,7 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
 
 
 def test_an_arm_that_is_all_but_crushed_is_integrated() -> None:
-    """Strains there change faster along the arm than any polynomial through those of elements."""
+    """Strains change faster along the arm than any polynomial through the stages of an element."""
     arm, scene = Arm.from_paper("table-4"), Scene(Extension(), ExactTendons())
     T = np.array([0.306, 0.335, 0.66, 0.343, 0.015, 4.82, 5.377, 0.075, 2.965, 0, 0, 2.958])
     collocation = Collocation(system(arm, scene, 3, 16, (), False))

@@ -1,4 +1,4 @@
-"""Numbers that are likely slips, in scripts and files, are told with the number likely meant."""
+"""Likely slips of units, in scripts and files, are reported with the likely number."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ sections = [{ at_mm = 300, offset_mm = [5, 3], angles_deg = %s }]
 
 
 def warned(text: str) -> list[str]:
-    """Return what is told of a scene file."""
+    """Return the warnings about a scene file."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         read(text.encode())
@@ -218,7 +218,7 @@ def test_a_modulus_in_megapascals_is_refused(E: str, meant: str) -> None:
 
 
 def axis_warned(key: str, values: list[float]) -> list[str]:
-    """Return what is told of an axis of a sweep."""
+    """Return the warnings about an axis of a sweep."""
     arm, scene = Arm.from_paper("table-4"), Scene.silicone(Weight(), Buoyancy())
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")

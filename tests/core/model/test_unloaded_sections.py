@@ -1,4 +1,4 @@
-"""Cross-sections without loads where tendons turn and the body shears, against NumPy and SciPy."""
+"""Cross-sections without loads, with turning tendons and shear, against NumPy and SciPy."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ TENSIONS = np.array([3.0, 0.5, 1.5])
 
 
 def _numbers(s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return E A, E J, G I, k_s G A; offsets Y (3, 3) of the tendons, and their rates."""
+    """Return E A, E J, G I, k_s G A; offsets Y (3, 3) of the tendons, and their derivatives."""
     R, y, slope = 0.02 - 0.01 * s / L, 0.014 - 0.008 * s / L, -0.008 / L
     A, J, G = np.pi * R**2, np.pi * R**4 / 4, MATERIAL.E / (2 * (1 + MATERIAL.nu))
     phi = np.array(ANGLES) + TURN * s / L

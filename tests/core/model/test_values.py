@@ -1,4 +1,4 @@
-"""Arms, scenes and shapes are values: they compare, hash, pickle, and carry nothing idle."""
+"""Arms, scenes and shapes are values: they compare, hash and pickle, without idle data."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ PAPER = Scene(Extension())
 
 
 def changed(plan: Plan, **changes: Any) -> Plan:
-    """Return a plan with other values of its problem and its solution."""
+    """Return a plan with other values of its problem and solution."""
     names = {field.name for field in fields(plan.problem)}
     asked = {name: value for name, value in changes.items() if name in names}
     found = {name: value for name, value in changes.items() if name not in names}
@@ -102,7 +102,7 @@ def _bend(start: Array, end: Array) -> Bend:
 
 
 def off(shape: Shape, target: Target, kind: str) -> float:
-    """Return how far a shape is from a target: the largest of all numbers, in m and rad."""
+    """Return the distance of a shape from a target: the largest component, in m and rad."""
     found = read(kind, shape, getattr(target, "section", 1))
     apart = np.subtract([*_numbers(astuple(found))], [*_numbers(astuple(target))])
     if kind in ("plane", "fetch"):

@@ -40,14 +40,14 @@ OWN = ((0.0, 0.4552, 0.0, 0.0), (1.2522, 0.0, 0.8235, 0.0), (7.8793, 0.0, 0.0, 3
 
 
 def own_backbone(arm: Arm, T: Array, scene: Scene, shares: Array) -> Backbone:
-    """Return the backbone of an arm's own shape through places at shares of its length."""
+    """Return the backbone of an arm's own shape through places at fractions of the length."""
     shape = settle(arm, T, scene, 1e-9)
     s = shares * arm.length
     return Backbone(tuple(tuple(shape.position(each)) for each in s), tuple(s.tolist()))
 
 
 def distance(arm: Arm, T: Array, scene: Scene, backbone: Backbone) -> Array:
-    """Return the distances of the settled arm from the points over its length, by themselves."""
+    """Return the distances of the settled arm from the points over its length."""
     shape, s = settle(arm, T, scene, 1e-10), backbone.s
     assert s is not None
     places = np.array([shape.position(each) for each in s])

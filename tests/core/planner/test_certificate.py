@@ -22,7 +22,7 @@ def test_a_good_plan_passes_by_an_integrator_that_did_not_make_it() -> None:
     certificate = PLAN.certificate
     assert certificate.passed
     assert certificate.scheme == "rk8"
-    # The check is a hundred times as accurate as what it has to judge, and leaves room.
+    # The check is a hundred times as accurate as the plan, with a margin.
     assert certificate.tolerance == 1e-6
     assert certificate.error <= 1e-8
     assert certificate.residual < 4e-7
@@ -128,13 +128,13 @@ def test_a_limit_may_not_be_passed_by_any_amount() -> None:
     ],
 )
 def test_a_shape_on_the_brink_is_warned_of(load_factor: float | None, why: str) -> None:
-    """In contact, where no load factor is told, the sentence broke off."""
+    """In contact, the certificate has no load factor, and the sentence was incomplete."""
     brink = replace(SOUND, stability=0.05, load_factor=load_factor)
     assert f"it stands on the brink: {why}" in brink.warnings
 
 
 def test_tensions_that_settle_to_no_shape_are_settled_once() -> None:
-    """They were twice, and an arm that yields under its loads takes long."""
+    """Equilibria were solved twice, which is slow for an arm that yields under its loads."""
     asked = list[str]()
 
     def settled() -> Shape:

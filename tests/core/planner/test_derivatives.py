@@ -1,4 +1,4 @@
-"""Exact derivatives of programs are those that CasADi, or differences, find in the equations."""
+"""Exact derivatives of programs agree with CasADi's, or with differences, of the equations."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_derivatives_with_the_least_stable_mode_are_those_that_casadi_finds() ->
 
 @pytest.mark.slow
 def test_how_near_a_target_is_had_does_not_depend_on_the_norm_of_effort() -> None:
-    """Among obstacles CasADi takes derivatives backwards, and lost those by the largest tension."""
+    """Among obstacles CasADi uses reverse mode, which lost derivatives by the largest tension."""
     angles = tuple(np.radians([276.2, 6.2, 96.2, 186.2]).tolist())
     arm = Arm(0.3, Linear(0.012, 0.007), (Anchorage(0.3, Linear(0.007, 0.004), angles),))
     ball, target = Sphere((0.1855, 0.0869, 0.0769), 0.02), TipPosition((0.149, 0.117, 0.1326))

@@ -1,4 +1,4 @@
-"""Limits and norms do what their names say; beyond reach the nearest shape and what holds it."""
+"""Limits and norms have their documented effect; out of reach, plans return the nearest shape."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def test_each_norm_is_least_in_its_own_measure() -> None:
 
 
 def test_a_total_pull_may_be_the_sum_of_the_minima() -> None:
-    """12 times 0.1 is above 1.2 by rounding: it was refused, "must be 1.2 N"."""
+    """Due to rounding 12 times 0.1 is above 1.2: the limit was refused, "must be 1.2 N"."""
     held = plan(ARM, TARGET, PAPER, 20.0, tension_min=0.1, total_pull=1.2)
     assert held.tensions == pytest.approx(np.full((3, 4), 0.1), abs=1e-8)
 

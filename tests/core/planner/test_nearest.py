@@ -1,4 +1,4 @@
-"""The nearest shape of a missed target, against grids of settled shapes that know no planner."""
+"""The nearest shape of a missed target, against independent grids of settled shapes."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _least_of_grid(
 
 
 def test_nearest_tip_of_a_helical_arm_is_as_near_as_a_grid() -> None:
-    """The mesh ignored the turn of the tendon: 146 mm, where a corner of the limits has 102 mm."""
+    """The mesh ignored the turn of the tendon: 146 mm, but a corner of the limits has 102 mm."""
     found = plan(HELICAL, TipPosition(PLACE), SHEAR, MAXIMA)
     off = float(np.linalg.norm(found.tip - PLACE))
     corner = settle(HELICAL, [0, 0.118, 0.118, 0.204], SHEAR)
@@ -82,7 +82,7 @@ def test_nearest_tip_of_a_helical_arm_is_as_near_as_a_grid() -> None:
 def test_nearest_tip_of_a_curled_thin_arm_is_as_near_as_a_grid(
     place: tuple[float, float, float],
 ) -> None:
-    """Two elements are off by 40 % of the length where the arm curls by more than a turn."""
+    """Two elements have an error of 40 % of the length if the arm curls by more than a turn."""
     maxima = (0.35, 0.35, 0.35)
     found = plan(THIN, TipPosition(place), EXACT, maxima)
     off = float(np.linalg.norm(found.tip - place))
@@ -158,7 +158,7 @@ def test_fits_move_samples_onto_the_target(scene: Scene) -> None:
 
 @pytest.mark.slow
 def test_agreement_alone_does_not_end_a_search_that_misses() -> None:
-    """Guesses agreed on the nearest shape before any shape over the limits was looked at."""
+    """Guesses agreed on the nearest shape before a shape across the limits was tried."""
     far = plan(THIN, TipPosition((0.9, 0.0, 0.1)), EXACT, 0.35)
     assert not far.reached
     assert len(far.solution.starts) > N_SAMPLED and far.solution.sampled > 100

@@ -1,4 +1,4 @@
-"""Plans are optima: of an independent program, mirrored, and where the planner used to get lost."""
+"""Plans are optima: of an independent program, mirrored, and in cases that once failed."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def arm_tensions(*rows: list[float]) -> Array:
 
 
 def planned(kind: str, scene: Scene, T: Array, starts: int | None = None) -> Plan:
-    """Plan for the target of a kind that a set of tensions reaches, and check that it is met."""
+    """Plan for the target that a set of tensions reaches, and check that the target is met."""
     target = read(kind, settle(ARM, T, scene, 1e-10), 1 + int(np.argmax(T.sum(axis=1))))
     found = plan(ARM, target, scene, 20.0, starts=starts)
     assert found.reached, found.outcome
@@ -137,16 +137,16 @@ def planned(kind: str, scene: Scene, T: Array, starts: int | None = None) -> Pla
     return found
 
 
-# What is read off these tensions, and the effort that it used to be missed with, or to exceed.
+# The tensions of the target, and the effort that earlier versions needed or exceeded.
 LOST: dict[str, tuple[str, Scene, Array, float]] = {
-    # 35 % more effort than the tensions that it was read off.
+    # 35 % more effort than the tensions of the target.
     "a fetch out of any plane": (
         "fetch",
         PAPER,
         arm_tensions([0, 0, 0, 0.134953], [0, 0, 0, 0.605446], [6.72757, 0, 0, 0]),
         6.7628,
     ),
-    # 50 % more than the least that is known.
+    # 50 % more than the least known effort.
     "co-contraction let go": (
         "fetch",
         PAPER,
@@ -157,14 +157,14 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
         ),
         2.66,
     ),
-    # Its optimum was lost on the finer mesh, and the target said to be out of reach.
+    # The optimum was lost on the finer mesh, and the target was reported as out of reach.
     "a pose of a sharply bent arm": (
         "pose",
         EXACT,
         arm_tensions([0, 0, 0.1766204345, 0], [0, 0, 0, 0.9142803276], [1.8718567706, 0, 0, 0]),
         1.25,
     ),
-    # 43 % more effort than the tensions that it was read off.
+    # 43 % more effort than the tensions of the target.
     "a pose by the long way round": (
         "pose",
         Scene(),
@@ -178,7 +178,7 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
         arm_tensions([0, 0, 0.50372093, 0], [0, 3.82099489, 0, 0], [0, 0, 1.59973819, 0]),
         4.1729,
     ),
-    # Said to be out of reach after 12 guesses, by 22 mm.
+    # Reported as out of reach after 12 guesses, by 22 mm.
     "a pose of a strongly pulled arm": (
         "pose",
         EXACT,
@@ -189,28 +189,28 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
         ),
         13.6764,
     ),
-    # By bends alone, which meet it less directly, 44 % more effort.
+    # Guesses by bends alone, which meet the target less directly, need 44 % more effort.
     "a pose by co-contraction": (
         "pose",
         PAPER,
         arm_tensions([0, 0.3708, 0.1953, 0], [0, 3.1068, 0, 1.0717], [0, 0, 6.7821, 0.8305]),
         5.58,
     ),
-    # 12 % more: its tip is pulled thirty times as hard as bends the arm by 1 rad.
+    # 12 % more: the tip section has thirty times the tension that bends the arm by 1 rad.
     "a tip that winds up": (
         "fetch",
         PAPER,
         arm_tensions([0, 0, 0, 0.284], [0, 0, 0, 2.661], [2.331, 0, 0, 0]),
         3.2,
     ),
-    # Said to be out of reach, by 47 degrees: many times what bends it without its weight.
+    # Reported as out of reach by 47 degrees: tensions far above the bending tension.
     "a tip against its weight": (
         "plane",
         Scene(Extension(), Weight(), Buoyancy(1000.0)),
         arm_tensions([0, 0, 0.4565, 0.2226], [0, 0, 0, 0], [0, 0, 0, 0]),
         0.50838,
     ),
-    # Left 1.3 mm off the points: the coarse mesh hardly tells that from its own error.
+    # Missed the points by 1.3 mm, close to the error of the coarse mesh.
     "a backbone that starts come near": (
         "backbone",
         PAPER,
@@ -243,7 +243,7 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
         arm_tensions([0, 0.121853, 0, 0], [0, 0, 0, 1.22828], [0, 4.647643, 0, 0]),
         4.8092,
     ),
-    # The mesh was good enough for the tip's place, but not for its turn.
+    # The mesh was fine enough for the tip's position, but not for its rotation.
     "turn": (
         "pose",
         EXACT,
@@ -309,7 +309,7 @@ def test_what_was_lost_or_cost_more_is_met(kind: str, scene: Scene, T: Array, mo
 def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It was dropped without a word, and the next one certified."""
+    """The optimum was dropped without a report, and the next one certified."""
     rng = np.random.default_rng(1)
     T = rng.exponential(1, (3, 4)) * np.array([[0.2], [1.0], [3.0]])
     T = T * (np.random.default_rng(1).random((3, 4)) < 0.4)
@@ -343,7 +343,7 @@ def test_where_the_coarse_mesh_misleads_the_search_goes_on_on_a_finer_one() -> N
 
 @pytest.mark.slow
 def test_where_all_coarse_optima_topple_the_search_goes_on_on_a_finer_mesh() -> None:
-    """The plan was not certified, though these tensions hold the arm."""
+    """The plan was not certified, although the tensions hold the arm."""
     T = [[0, 0.36646651, 0.28857915, 0.11693461], [0, 0.05693408, 7.22609678, 0]]
     T.append([0, 0, 6.91155253, 0.23774178])
     scene = Scene.silicone(Weight())
@@ -352,8 +352,8 @@ def test_where_all_coarse_optima_topple_the_search_goes_on_on_a_finer_mesh() -> 
     assert found.effort < 3.1
 
 
-# Least squares of the gradient leave more of it than the multipliers of the last solve, where
-# constraints all but depend on each other.
+# Least squares of the gradient leave a larger residual than the multipliers of the last solve if
+# constraints are nearly dependent.
 def test_a_fetch_in_one_plane_is_certified() -> None:
     distal = Bend(1.7576968621113056, -1.5707963267948968)
     medial = Bend(0.27082949623417213, -1.5707963267948966)
@@ -382,7 +382,7 @@ def test_a_backbone_is_met_to_fine_accuracy_or_told_not_to_be_resolved() -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_poses_of_an_arm_with_many_sections_take_no_more_than_the_tensions_drawn(seed: int) -> None:
-    """Guesses bent all sections, each its own way: not met, or for ten times as much."""
+    """Independent guesses of all bends missed the target, or needed ten times the effort."""
     ends = np.linspace(0.45, 0.0, 24, endpoint=False)
     sections = [(at, 7.5e-3, (15e-3 - 13e-3 * at / 0.45) / 2) for at in ends.tolist()]
     arm, rng = conical(0.45, (15e-3, 2e-3), sections), np.random.default_rng(seed)

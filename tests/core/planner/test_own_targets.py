@@ -1,4 +1,4 @@
-"""Targets that users define are planned for what they are, whatever their classes look like."""
+"""Targets of users are planned by value, for any form of their classes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HEIGHTS = SHAPE.tip[2] + np.array([0.0, 0.01, -0.015])
 
 @dataclass(frozen=True)
 class Frozen(Target):
-    """The height of the tip, by a field that `terms` uses itself."""
+    """The height of the tip, by a field that only `terms` uses."""
 
     z: float
 
@@ -142,7 +142,7 @@ def test_changes_of_a_target_leave_its_plan_as_it_was() -> None:
 
 
 def test_a_program_of_another_target_is_not_certified(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Programs that are mixed up on purpose: the certificate looks at the target itself."""
+    """Swap programs on purpose: the certificate evaluates the target itself."""
     monkeypatch.setattr(target_set.TargetTerms, "__eq__", lambda self, other: True)
     monkeypatch.setattr(target_set.TargetTerms, "__hash__", lambda self: 0)
     program.program_of.cache_clear()
@@ -167,7 +167,7 @@ def test_targets_of_equal_expressions_share_a_program() -> None:
 
 
 class Scaled(ca.Callback):  # type: ignore[misc]
-    """Twice or three times a number, in Python, of which CasADi knows nothing."""
+    """Return twice or three times a number, in Python, which CasADi cannot inspect."""
 
     def __init__(self, factor: float) -> None:
         ca.Callback.__init__(self)
@@ -258,7 +258,7 @@ def test_wrong_own_targets_are_refused_in_words(target: Target, words: str) -> N
 
 @dataclass(frozen=True)
 class LimitedPull:
-    """Constraints of a project: the limit of the total pull as a block of its own."""
+    """Constraints of a project: the limit of the total pull as a block."""
 
     limit: float
 

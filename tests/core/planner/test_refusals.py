@@ -1,4 +1,4 @@
-"""Plans that cannot be asked for, and what cannot be drawn or dragged: refused by name."""
+"""Impossible plans, plots and drags are refused by name."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def flat() -> Any:
 
 
 def film() -> FuncAnimation:
-    """Return an animation that was drawn, as matplotlib warns of those that never are."""
+    """Return a rendered animation; matplotlib warns of animations that are never rendered."""
     motion = plot_motion([PLAN], ax := three_d(), frames=1)
     ax.figure.draw_without_rendering()
     return motion

@@ -1,4 +1,4 @@
-"""Plans under loads stand as well as they are asked to, and say how well."""
+"""Plans under loads have the stability that is requested, and report it."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def test_where_loads_move_an_arm_far_starts_are_tried_until_two_agree() -> None:
     assert found.shape.stability > 0.1
 
 
-# The mode that is held used to turn into another that is stable already, with the arm as unstable
-# as before: such shapes were told to be less stable than the margin.
+# The constrained mode became another mode that is already stable, and the arm stayed unstable: such
+# shapes were reported as less stable than the margin.
 @pytest.mark.slow
 def test_the_nearest_shape_of_an_arm_that_would_yield_is_a_stable_one() -> None:
     found = plan(ARM, TipPosition((0.205, 0.449, 0.075)), Scene.silicone(Weight()), 20.0)

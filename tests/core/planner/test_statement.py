@@ -1,4 +1,4 @@
-"""How plans are stated and by what they are solved, and what their outcomes own up to."""
+"""Statement and solver of plans, and the limitations that outcomes report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.28, 0.12, -0.12))
 
 
-# Only `shape.remarks` told it: the equations know no body.
+# Only `shape.remarks` reported this: the equations ignore the thickness of the body.
 def test_an_arm_that_bends_sharper_than_its_own_radius_is_told() -> None:
     thick = conical(0.05, (0.02, 0.02), [(0.05, 0.01, 0.01)], material=Material(1e5))
     bent, straighter = (plan(thick, BendingPlane(0.0, bend), Scene(), 1e3) for bend in (3.0, 2.0))
@@ -41,7 +41,7 @@ def test_an_arm_that_bends_sharper_than_its_own_radius_is_told() -> None:
 
 @pytest.mark.slow
 def test_an_obstacle_that_alone_is_in_the_way_is_named_with_place_and_clearance() -> None:
-    """Used to be told as out of reach, or as limits to raise."""
+    """The outcome was "out of reach", or an advice to raise limits."""
     free = plan(ARM, TARGET, PAPER, 20.0)
     plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
     found = plan(ARM, TARGET, PAPER, 20.0, obstacles=[plate], starts=1)
@@ -62,7 +62,7 @@ TIP_IN_AIR = TipPosition((0.20, 0.15, -0.20))
 
 @pytest.mark.slow
 def test_a_tip_in_air_that_unstable_arms_meet_for_less_is_met_by_a_stable_one() -> None:
-    """Used to be said to be out of reach, as the optimum without the margin is not stable."""
+    """The target was reported as out of reach: the optimum without the margin is not stable."""
     found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0)
     assert found.certificate.passed
     assert found.certificate.stability >= 0.1 - 1e-4
@@ -92,14 +92,14 @@ def test_a_target_far_beyond_the_arm_is_answered_with_the_nearest_shape(norm: An
 @pytest.mark.slow
 @pytest.mark.parametrize("place", [(0.6, 0.1, 0.2), (0.0, 1.0, -0.5)])
 def test_guesses_agree_on_the_nearest_shape_under_loads(place: tuple[float, float, float]) -> None:
-    """Least squares of what is missed outweighed equilibrium: of 14 guesses one came to an end."""
+    """Least squares of the misses outweighed equilibrium: one of 14 guesses converged."""
     found = plan(ARM, TipPosition(place), Scene.silicone(Weight()), 20.0)
     assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
     assert len(found.solution.starts) == found.solution.n_equal_optima == 3
 
 
 MISSED = Certificate({"tip position": 0.01}, {}, {}, 0.0)
-# What is known of a plan that is not reached, and what is said of it.
+# Facts about a plan that is not reached, and the outcome.
 SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     "no limit": ({}, "no limit is active; move the target, or ask for more starts"),
     "samples": ({"sampled": 512}, "3 initial guesses and 512 sampled shapes tried, 2 led to"),
@@ -176,7 +176,7 @@ class Rounding:
 def test_an_optimum_that_is_polished_to_rounding_is_no_reason_to_search_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It counted as lost, and where the search ended by such steps too plans were not certified."""
+    """The step counted as lost, and plans were not certified if the search ended by such steps."""
     made, purposes = ipopt.solver, list[str]()
 
     def solver(of: Program, purpose: ipopt.Purpose, *others: Any) -> Any:

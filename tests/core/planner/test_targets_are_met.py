@@ -1,4 +1,4 @@
-"""Targets of every kind are met, with and without loads, as shapes settled anew tell."""
+"""Targets of every kind are met, with and without loads, as newly settled shapes confirm."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ SCENES: dict[str, Scene] = {
 
 
 def random_pulls(seed: int) -> Array:
-    """Random tensions that bend every section of table 4 some way [N]; half of them are slack."""
+    """Return random tensions that bend every section of table 4 [N]; half of them are zero."""
     rng = np.random.default_rng(seed)
     pulls = rng.uniform(size=(3, 4)) * (rng.uniform(size=(3, 4)) < 0.5)
     return pulls * [[0.08], [1.0], [2.0]]
@@ -75,7 +75,7 @@ def random_pulls(seed: int) -> Array:
 def check_met(
     kind: str, target: Target, scene: Scene, arm: Arm = ARM, most: float = MAXIMUM
 ) -> Plan:
-    """Plan for a target; hold the plan to what it promises by settling anew, on another mesh."""
+    """Plan for a target, and check the plan by settling the tensions on another mesh."""
     found = plan(arm, target, scene, most)
     assert found.certificate.passed, found.outcome
     assert found.reached and found.outcome.startswith("Reached")
@@ -90,7 +90,7 @@ def check_met(
 
 
 def check_shape(kind: str, scene: Scene, tensions: Array, arm: Arm = ARM) -> None:
-    """Plan for what settled tensions reach, with no more effort."""
+    """Plan for a shape that known tensions reach, and check that effort is no larger."""
     shape = settle(arm, tensions, scene, 1e-9)
     found = check_met(kind, read(kind, shape), scene, arm)
     assert found.effort <= np.linalg.norm(tensions) * (1 + 1e-6)
@@ -136,9 +136,9 @@ def test_what_a_settled_shape_meets_is_met_with_no_more_effort(
     check_shape(kind, scene, tensions)
 
 
-# Tensions tip first [N]: the optimum is all but crushed, guesses that come first miss the pose,
-# optima of coarse meshes are none, two guesses lead to one that is a fifth dearer, and the tip's
-# frame is off by more than its place.
+# Tensions from the tip to the base [N]. Cases: the optimum is nearly crushed; first guesses miss
+# the pose; optima of coarse meshes do not exist on finer ones; two guesses lead to an optimum that
+# is a fifth dearer; the tip's frame has a larger error than its position.
 LOST = {
     "crushed": (
         [[0.18, 0.08, 0.16, 0.07], [0.18, 1.44, 0.11, 0.07], [0.07, 2.62, 3.88, 4.19]],
@@ -239,7 +239,7 @@ def test_weights_move_a_backbone_towards_the_points_that_weigh_more() -> None:
 
 @pytest.mark.parametrize("norm", ["1", "inf"])
 def test_a_place_is_met_to_nine_digits_whatever_it_costs_to_get_nearer(norm: str) -> None:
-    """It was missed by 5e-9: by a billionth of what effort changes by along the arm's length."""
+    """The target was missed by 5e-9, a billionth of the change of effort along the arm's length."""
     found = plan(ARM, TipPosition((0.43, 0.1, -0.05)), PAPER, 20.0, norm=norm, accuracy=1e-9)
     assert found.reached, found.outcome
     tip = collocated(ARM, found.tensions, PAPER, 3, 64).tip
@@ -345,7 +345,7 @@ def test_weights_choose_what_comes_nearer_where_both_cannot_be_had(kind: str) ->
 
 @pytest.mark.slow
 def test_an_arm_as_limp_as_a_rope_comes_to_where_it_is_known_to_come() -> None:
-    """Least squares ended nowhere from guesses without its weight, 138 mm off."""
+    """Least squares from guesses without the weight ended 138 mm off."""
     angles = (5.04, 4.96)
     sections = (Anchorage(1.0, Linear(0.0228, 0.01), angles),)
     arm = Arm(1.0, Linear(0.025, 0.0107), sections, Material(E=6e4, nu=0.47))

@@ -54,7 +54,7 @@ def leaning(**options: Any) -> Plan:
 
 
 def in_plane(**options: Any) -> Plan:
-    """Return a plan out of the plane of its target, whose mirror image meets it as well."""
+    """Return a plan out of the plane of its target; the mirror image meets the target too."""
     rng, T = np.random.default_rng(3), np.zeros((3, 4))
     pulls = rng.exponential(1, (3, 2)) * np.array([[0.2], [1.0], [3.0]])
     pulls *= rng.random((3, 2)) < 0.6
@@ -74,7 +74,7 @@ PLANS: dict[str, Callable[..., Plan]] = {
 
 
 def reading(p: Plan) -> tuple[Any, ...]:
-    """Return what users read of a plan."""
+    """Return the values that users read from a plan."""
     certificate = p.certificate
     numbers = certificate.clearance, certificate.stability, certificate.load_factor
     return p.reached, p.outcome, str(p), repr(certificate), numbers, certificate.warnings
@@ -82,7 +82,7 @@ def reading(p: Plan) -> tuple[Any, ...]:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Let each look at the clock take a second, and return the clock."""
+    """Advance the clock by a second at each call, and return the clock."""
     looks = count(1)
     now = SimpleNamespace(seconds=0)
 
@@ -120,10 +120,10 @@ def test_reading_a_plan_computes_nothing(name: str) -> None:
 @pytest.mark.parametrize("seconds", [1, 10, 30, 100, 300, 1000])
 @pytest.mark.parametrize("name", ["paper", "loads", "obstacle", "contact"])
 def test_a_limit_holds_until_all_is_read(name: str, seconds: int, clock: SimpleNamespace) -> None:
-    """The certificate was computed when it was read, without a limit."""
+    """The certificate was computed at the first access, without a limit."""
     begun = clock.seconds
     p = PLANS[name](time_limit=seconds)
-    # The end of each nested limit is looked at once more.
+    # Each nested limit reads the clock once more at its end.
     assert clock.seconds - begun <= seconds + GRACE + 20
     if not p.reached:
         assert "time limit" in p.outcome

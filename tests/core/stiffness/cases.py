@@ -26,13 +26,13 @@ def with_effects(scene: Scene, *effects: object) -> Scene:
 
 
 def pulling(name: str, seed: int) -> Array:
-    """Random tensions (12,) of a paper arm, all above 0, that bend and shorten it a lot [N]."""
+    """Return random positive tensions (12,) of a paper arm, with large bends and strains [N]."""
     drawn = np.random.default_rng(seed).uniform(0.05, 0.5, (3, 4))
     return np.ravel(drawn * np.array(MOST[name])[:, None] / 2)
 
 
 def pushed(scene: Scene, wrench: Array) -> Scene:
-    """The scene with a force and moment on the tip besides what is there."""
+    """Return the scene with an additional force and moment on the tip."""
     there = scene.find(TipLoad) or TipLoad()
     load = TipLoad(
         tuple((np.array(there.force) + wrench[:3]).tolist()),
@@ -55,5 +55,5 @@ def moved(start: Shape, end: Shape, at: float) -> Array:
 
 
 def gap(found: Array, wanted: Array) -> float:
-    """The distance of two vectors or matrices over the size of what is wanted."""
+    """Return the distance of two vectors or matrices over the size of the expected one."""
     return float(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))

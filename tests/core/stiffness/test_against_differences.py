@@ -32,7 +32,7 @@ TENDON_EA = 5.0
 
 @dataclass(frozen=True)
 class Case:
-    """A settled shape and what holds its tendons."""
+    """A settled shape and the quantity that its tendons hold."""
 
     arm: str
     statics: str
@@ -96,7 +96,7 @@ def with_lengths_held(
 
 
 def check(case: Case, count: int) -> None:
-    """Assert that random wrenches move the tip as the compliance says."""
+    """Assert that random wrenches move the tip according to the compliance."""
     arm, T = Arm.from_paper(case.arm), pulling(case.arm, case.seed)
     EA = TENDON_EA if case.hold == "length" else None
     k = stiffness(arm, T, case.scene, case.hold, accuracy=1e-8, tendon_EA=EA)
@@ -211,7 +211,7 @@ def test_a_force_on_the_way_moves_and_turns_the_midline_there(share: float, heav
 
 @pytest.mark.parametrize("accuracy", [1e-5, 1e-6])
 def test_a_stream_along_the_arm_somewhere_does_not_hide_errors(accuracy: float) -> None:
-    """Derivatives of |v_n| v_n have a kink there: errors fell by 4, and were said to fall by 64."""
+    """Derivatives of |v_n| v_n have a kink: errors fell by 4, but estimates assumed 64."""
     arm, T = Arm.from_paper("table-2"), np.zeros(12)
     T[5] = 0.6
     flow = settle(arm, T, Scene(Extension())).frame(0.5 * arm.length)[:, 0]
@@ -221,7 +221,7 @@ def test_a_stream_along_the_arm_somewhere_does_not_hide_errors(accuracy: float) 
 
 
 def test_an_accurate_equilibrium_does_not_hide_errors_of_its_derivatives() -> None:
-    """Those where Newton's method had begun, a point nearby, were off by more than told."""
+    """Derivatives at the initial guess of Newton's method had larger errors than stated."""
     arm, scene = Arm.from_paper("table-2"), Scene.silicone(Weight())
     T = [[0.09, 0, 0, 0], [0, 0, 1.81, 0.15], [0, 0.49, 0, 0]]
     assert_error_is_told(settle(arm, T, scene, 1e-9), 1e-9)

@@ -1,4 +1,4 @@
-"""Bars, columns and cross-sections whose stiffness is known in closed form or by quadrature."""
+"""Bars, columns and cross-sections whose stiffness has a closed form or a quadrature."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EULER = np.pi**2 * EJ / (4 * L**2)
 
 
 def antagonists(bar: Bar = UNIFORM, angles: tuple[float, ...] = (0.0, np.pi)) -> Arm:
-    """The bar with tendons parallel to its axis, two against each other along n = -y."""
+    """Return the bar with parallel tendons on its axis, two opposite each other along n = -y."""
     return replace(bar.arm, sections=(Anchorage(bar.length, Linear(Y, Y), angles),))
 
 
@@ -180,14 +180,15 @@ def test_locked_antagonists_hold_the_turn_of_the_tip(exact: bool, tendon_EA: flo
     scene = Scene(ExactTendons()) if exact else Scene()
     k = stiffness(antagonists(), [pull, pull], scene, "length", accuracy=1e-10, tendon_EA=tendon_EA)
     stiff = EJ if exact else EJ + 2 * Y**2 * pull
-    # Their stretch is a spring against the turn of the tip: unstretched they are L / (1 + T / EA).
+    # Stretch is a spring against the rotation of the tip: unstretched tendons have L / (1 + T /
+    # EA).
     hinge = np.inf if tendon_EA is None else 2 * Y**2 * (tendon_EA + pull) / L
     held = 1.0 if tendon_EA is None else hinge * L / stiff / (1 + hinge * L / stiff)
     wanted = L**3 / (3 * stiff) - held * L**3 / (4 * stiff)
     assert k.compliance[1, 1] == pytest.approx(wanted, rel=1e-9)
     response, moment = k.tension_response[:, 1] * Y, held * L / 2
     assert response[0] - response[1] == pytest.approx(moment, rel=1e-9)
-    # What they pull together is up to their stretch: nothing else yields to it.
+    # Only the stretch of the tendons yields to their common tension.
     if tendon_EA is not None:
         assert response.sum() == pytest.approx(0, abs=1e-9 * moment)
     assert k.compliance[2, 2] == pytest.approx(L**3 / (3 * EJ), rel=1e-9)
@@ -228,7 +229,7 @@ def test_a_column_gives_way_across_as_a_beam_column(share: float) -> None:
 
 
 def test_a_pulled_arm_that_shortens_has_a_shorter_lever() -> None:
-    # With extension EJ per unit deformed length stays: what shortens is the lever.
+    # With extension, EJ per unit deformed length is constant, and the lever arm shortens.
     pull = 1.0
     k = stiffness(antagonists(), [pull, pull], Scene(Extension()), accuracy=1e-10)
     q = settle(antagonists(), [pull, pull], Scene(Extension())).strain(0.1)[3]

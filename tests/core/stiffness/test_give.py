@@ -50,7 +50,7 @@ PROGRAMS: dict[str, Case] = {
 
 
 def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Problem, Array, Array]:
-    """A small problem with a stiffness, its parameters, and its unknowns at settled tensions."""
+    """Return a small problem with a stiffness, its parameters, and unknowns at settled tensions."""
     targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), Limits.of(arm, 20.0)
     options = NlpOptions(refinement=1)
     problem = Problem(PlanningProblem(arm, targets, Scene(*effects), limits, options, 1e-6))

@@ -36,7 +36,7 @@ def stiff(found: Plan, hold: Any = "tension", along: Any = ALONG) -> float:
 
 
 def off(found: Plan) -> float:
-    """How far off the place the tip is [m]."""
+    """Return the distance of the tip from the place [m]."""
     return float(np.linalg.norm(settle(found.arm, found.tensions, found.scene, 1e-10).tip - POINT))
 
 
@@ -62,7 +62,7 @@ def test_the_tip_stays_and_stiffens_at_the_cost_of_effort(scene: str, factor: fl
     found = plan(ARM, [PLACE, target], STATICS[scene], MOST, starts=2)
     assert found.certificate.passed, found.outcome
     assert off(found) < KEPT
-    # Effort grows with stiffness, so that no more of it is had than was asked.
+    # Effort grows with stiffness, so that the plan has no more stiffness than requested.
     assert stiff(found) == pytest.approx(wanted, rel=1e-5)
     assert abs(next(iter(found.certificate.inequality.values()))) < 1e-5
     assert found.effort > least(scene).effort * (1 + 1e-4)
@@ -109,7 +109,7 @@ def test_an_impossible_stiffness_is_not_reached_and_the_outcome_says_by_how_much
     assert f"{1 + lack:.4g} times what is wanted found" in found.outcome
     assert f"short by {-lack:.3g}" in found.outcome
     stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], STATICS["paper"], 1.0, starts=3)
-    # Stiffness may cost the place, which is out of reach, what a place is accurate to, no more.
+    # Stiffness may cost no more than the accuracy of a place that is out of reach.
     off, nearest = (np.linalg.norm(p.shape.tip - PLACE.position) for p in (found, stiffest))
     assert 0 <= off - nearest < 1e-6
     assert stiff(found) == pytest.approx(stiff(stiffest), rel=1e-3)
@@ -171,7 +171,7 @@ def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
 
 
 def test_a_stiffness_that_is_infinite_at_the_optimum_is_met() -> None:
-    """A straight arm with its tendons locked does not give along itself; used to take minutes."""
+    """A straight arm with locked tendons has no axial compliance; the plan took minutes."""
     axial = MinimumStiffness((1.0, 0.0, 0.0), 0.1, "length")
     found = plan(Arm.from_paper("table-2"), axial, Scene(Extension()), 20.0, starts=1)
     assert found.reached
@@ -187,7 +187,7 @@ THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in 
     ids=str,
 )
 def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[float, ...]) -> None:
-    # The bound M whose root r has r C r = 1 - diag(spare): attained where spare is 0 or above.
+    # The bound M whose root r has r C r = 1 - diag(spare): attained if spare is 0 or above.
     shape = least("paper").shape
     values, vectors = np.linalg.eigh(np.linalg.inv(bound(least("paper"))))
     half, back = ((vectors * values**power) @ vectors.T for power in (0.5, -0.5))

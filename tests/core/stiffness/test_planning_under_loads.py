@@ -30,7 +30,7 @@ SCENES = {
     "water": with_effects(STATICS["paper"], *IN_WATER),
     "silicone in water": with_effects(STATICS["silicone"], *IN_WATER),
 }
-# Locked tendons pull and push alike as long as none of them slackens.
+# Locked tendons pull and push alike as long as none of them is slack.
 MOST, LEAST = 5.0, 0.01
 ALONG = tuple((np.array([1.0, 2.0, 0.5]) / np.linalg.norm([1.0, 2.0, 0.5])).tolist())
 Case = tuple[str, str, Any]
@@ -38,7 +38,7 @@ Case = tuple[str, str, Any]
 
 @cache
 def place(arm: str, scene: str) -> TipPosition:
-    """Where moderate tensions hold the tip."""
+    """Return the tip under moderate tensions."""
     tip = settle(ARMS[arm], PULLS[arm], SCENES[scene], 1e-10).tip
     return TipPosition(tuple(tip.tolist()))
 
@@ -50,7 +50,7 @@ def least(arm: str, scene: str) -> Plan:
 
 
 def stretchy(hold: Any) -> float | None:
-    """The tendons' own stiffness where their lengths are held [N]."""
+    """Return the axial stiffness of tendons with constant lengths [N]."""
     return TENDON_EA if hold == "length" else None
 
 
@@ -115,7 +115,7 @@ def test_the_stiffness_that_was_asked_for_is_had_at_the_place(
     assert found.outcome.startswith("Reached")
     tip = collocated(found.arm, found.tensions, found.scene, 2, 64).tip
     assert np.linalg.norm(tip - place(arm, scene).position) < 1e-6 * found.arm.length
-    # No more of it is had than was asked, as it costs effort.
+    # The plan has no more stiffness than requested, because stiffness costs effort.
     assert stiff(found, hold, 1e-9) == pytest.approx(wanted, rel=1e-6)
     assert 1 / give_of_settled_shapes(found, hold) == pytest.approx(wanted, rel=2e-6)
     assert found.effort > before.effort

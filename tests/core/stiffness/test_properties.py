@@ -1,4 +1,4 @@
-"""What holds of every stiffness: symmetry, order, invariance, limits, refusals."""
+"""Properties of every stiffness: symmetry, order, invariance, limits, refusals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.core.stiffness.cases import IN_WATER, STATICS, Array, gap, pulling, s
 ARM, T = Arm.from_paper("table-4"), pulling("table-4", 21)
 FORCE = TipLoad((3e-4, -2e-4, 4e-4), (1e-6, 2e-6, -1e-6))
 DEAD = TipLoad((3e-4, -2e-4, 4e-4))
-# Three tendons a section: any change of their lengths asks for a strain.
+# Three tendons a section: any change of their lengths requires a strain.
 THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
 PULLS = np.delete(T, [3, 7, 11])
 CONSERVATIVE = {
@@ -45,7 +45,7 @@ EACH = pytest.mark.parametrize(
 
 
 def sizes(arm: Arm) -> Array:
-    """What displacements and turns are measured by."""
+    """Return the units of displacements and rotations."""
     return np.repeat([arm.length, 1.0], 3)
 
 
@@ -217,7 +217,7 @@ def lateral(rod: str, plane: str) -> float:
 def test_pulled_silicone_gives_way_as_finite_elements_do(plane: str) -> None:
     solid, rods = fem_deflections()[plane]
     for rod, deflection in rods.items():
-        # 1 mN deflects by 1.3 % of L: what is not linear is of the order of its square.
+        # 1 mN deflects by 1.3 % of L: nonlinear parts are of the order of the square.
         assert lateral(rod, plane) == pytest.approx(deflection, rel=5e-4)
     gaps = {rod: abs(lateral(rod, plane) / solid - 1) for rod in rods}
     assert gaps["nh"] < 0.03

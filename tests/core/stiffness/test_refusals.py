@@ -1,4 +1,4 @@
-"""Stiffnesses that cannot be asked for: refused by name, with what is allowed."""
+"""Impossible stiffnesses are refused by name, with the allowed values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms and sections that are at no minimum of their energy: when that is so, and when not."""
+"""Arms and sections at no minimum of their energy are recognised, and only these."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def test_swelling_that_takes_tendons_inwards_makes_the_straight_arm_unstable(
     [
         (Extension(), Weight()),
         Scene.silicone(Weight()).effects,
-        # Of these the least stable modes are complex.
+        # The least stable modes of these arms are complex.
         pytest.param(
             Scene.silicone(
                 Weight(), Buoyancy(), TipLoad((-0.02, 0.005, 0.01), follower=True)
             ).effects,
             marks=pytest.mark.slow,
         ),
-        # Far bent: 24 settles of it take a minute.
+        # Far bent: 24 settles of this arm take a minute.
         pytest.param(
             Scene.silicone(TipLoad((0.05, -0.2, 0.1), follower=True)).effects,
             marks=pytest.mark.slow,
@@ -89,7 +89,7 @@ def test_the_slope_of_stability_is_that_of_differences(effects: tuple[Effect, ..
 def test_a_stability_beside_a_cluster_of_others_takes_no_eigenvalues_of_the_whole_matrix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Nine were sought until all converged, eight of them in a cluster: for up to minutes."""
+    """Nine eigenvalues were sought until all converged, eight of them in a cluster: minutes."""
     tries = list[int]()
 
     def counted(operator: Any, count: int, **options: Any) -> Any:
@@ -106,7 +106,7 @@ def test_a_stability_beside_a_cluster_of_others_takes_no_eigenvalues_of_the_whol
 
 
 def test_the_least_real_part_of_complex_eigenvalues_is_found() -> None:
-    """It need not be that of the nine eigenvalues nearest to 0: 0.793 was told."""
+    """The eigenvalue may not be among the nine nearest to 0: 0.793 was returned."""
     arm = Arm.from_paper("table-4")
     load = TipLoad((-0.02, 0.005, 0.01), follower=True)
     scene = Scene.silicone(Weight(), Buoyancy(), load)
@@ -120,8 +120,8 @@ def test_the_least_real_part_of_complex_eigenvalues_is_found() -> None:
     assert stability(point) == pytest.approx(values.real.min(), rel=1e-6)
 
 
-# A column, its second moment of area, Euler's load, and the weight per length that buckles it:
-# 7.8373 = (9/4) j^2 with the first zero j of the Bessel function of order -1/3.
+# A column, its second moment of area, Euler's load, and the critical weight per length: 7.8373 =
+# (9/4) j^2 with the first zero j of the Bessel function of order -1/3.
 COLUMN = Arm(0.3, Linear(R, R), (Anchorage(0.3, Linear(3e-3, 3e-3)),))
 EJ, L = EA * R**2 / 4, COLUMN.length
 EULER, GREENHILL = np.pi**2 * EJ / (4 * L**2), 7.837347438943 * EJ / L**3
@@ -129,18 +129,18 @@ SLACK = np.zeros(COLUMN.n_tendons)
 
 
 def axial(share: float) -> TipLoad:
-    """A load along the column towards its base, over Euler's."""
+    """Return an axial load towards the base of the column, over Euler's load."""
     return TipLoad((-share * EULER, 0.0, 0.0))
 
 
 def own_weight(share: float) -> Weight:
-    """Gravity along the column towards its base, over that which buckles it."""
+    """Return gravity towards the base of the column, over the critical gravity."""
     per_g = COLUMN.material.density * np.pi * R**2
     return Weight((-share * GREENHILL / per_g, 0.0, 0.0))
 
 
 def straight(*effects: Effect) -> Equilibrium:
-    """The straight column, which is in equilibrium under axial loads whether or not it stands."""
+    """Return the straight column, which is in equilibrium under axial loads even if unstable."""
     here = system(COLUMN, Scene(*effects), 3, 4)
     x = here.x(SLACK, 1.0, here.initial_states(SLACK, np.zeros(here.layout.stages.shape), 1.0))
     return Equilibrium(here, x)
@@ -202,9 +202,9 @@ def test_a_column_whose_load_follows_in_part_diverges_as_kordas_and_zyczkowski_h
 def test_stability_under_followers_is_the_least_real_part_of_differences(
     statics: str, pull: float
 ) -> None:
-    # Some eigenvalues are complex; a Jacobian by differences, and eigenvalues of the whole. Of the
-    # arm with linear laws they magnify errors 1e13 times, as those of a Volterra operator do: no
-    # more than a digit is theirs.
+    # Some eigenvalues are complex; the reference uses a Jacobian by differences and all
+    # eigenvalues. For the arm with linear laws eigenvalues magnify errors 1e13 times, as for a
+    # Volterra operator: only one digit is significant.
     certain = {"exact": 0.2, "silicone": 1e-5}[statics]
     T = np.random.default_rng(2).uniform(0, pull, 12) * np.repeat([0.3, 1, 3], 4)
     follower = TipLoad((0.01, 0.02, -0.01), (0.0, 1e-4, 0.0), follower=True)
