@@ -4,7 +4,7 @@ from octoplan.model.anchorage import Anchorage, Material, RestCurvature
 from octoplan.model.arm import Arm, conical
 from octoplan.model.compliance import LengthResponse, length_response
 from octoplan.model.extensions.batches import Shapes, settle_many
-from octoplan.model.paths import Linear, Sampled
+from octoplan.model.paths import Linear, PiecewiseLinear, Sampled
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
@@ -29,6 +29,7 @@ __all__ = [
     "Linear",
     "Material",
     "OctoplanError",
+    "PiecewiseLinear",
     "RestCurvature",
     "Sampled",
     "Scene",

@@ -58,6 +58,15 @@ class Mesh:
         s = self.s[:-1, None] + h[:, None] * method.c
         return s.ravel(), np.outer(h, method.b).ravel(), np.repeat(self.active, m)
 
+    def inside(self, elements: Counts, s: Array) -> Array:
+        """Return arc lengths s (n,) in elements (n,), just beyond the first nodes of the elements.
+
+        Derivatives of paths at a kink are those on its base side, and a kink is the last node of
+        the element before.
+        """
+        first = np.nextafter(self.s[:-1], np.inf)
+        return np.clip(s, first[elements], self.s[1:][elements])
+
     def node(self, s: float) -> int:
         """Return the index of the node at arc length s, which must be a node of the mesh."""
         return int(np.argmin(np.abs(self.s - s)))
@@ -141,6 +150,18 @@ def _breaks(arm: Arm, at: Iterable[float]) -> Array:
         if 0 <= s <= arm.length and all(abs(s - other) > SAME * arm.length for other in kept):
             kept.append(s)
     return np.sort(kept)
+
+
+def kinks(arm: Arm, mesh: Mesh) -> tuple[int, ...]:
+    """Return the inner nodes at which paths of tendons have kinks, so that strains may jump."""
+    places = {
+        s
+        for section in arm.sections
+        for path in section.paths
+        for s in path.kinks()
+        if 0 < s < section.at
+    }
+    return tuple(sorted({mesh.node(s) for s in places} - {0, mesh.steps}))
 
 
 def landmarks(arm: Arm, at: Iterable[float] = ()) -> Array:

@@ -1,4 +1,4 @@
-"""Smooth functions of arc length: the radius of the body and the offsets of the tendons."""
+"""Functions of arc length: the radius of the body, the offsets and the turns of the tendons."""
 
 from __future__ import annotations
 
@@ -23,19 +23,25 @@ SAME = 1e-9
 
 @runtime_checkable
 class Path(Protocol):
-    """A smooth function of arc length on [0, span]."""
+    """A continuous function of arc length on [0, span]."""
 
     def __hash__(self) -> int:
         """Return the hash of the value."""
 
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
-        """Value [m], first [-] and second [1/m] derivative at s [m], each of the shape of s."""
+        """Value [m], first [-] and second [1/m] derivative at s [m], each of the shape of s.
+
+        The derivatives at a kink are those on its base side.
+        """
 
     def knots(self) -> tuple[float, ...]:
         """Return the arc lengths [m] where the function is not smooth."""
 
+    def kinks(self) -> tuple[float, ...]:
+        """Return the knots [m] at which the first derivative jumps."""
 
-SUCH[Path] = "a Linear or a Sampled path"
+
+SUCH[Path] = "a Linear, a PiecewiseLinear or a Sampled path"
 
 
 @value
@@ -60,6 +66,47 @@ class Linear:
         """See Path.knots."""
         return ()
 
+    def kinks(self) -> tuple[float, ...]:
+        """See Path.kinks."""
+        return ()
+
+
+@value
+class PiecewiseLinear:
+    """Straight lines between given values, with kinks at the inner arc lengths.
+
+    The kinks are nodes of all meshes. A tendon with a kink pulls sideways there, and the strains
+    may jump.
+
+    Attributes
+    ----------
+    s : tuple of float
+        Arc lengths from the base, increasing, at least two [m].
+    values : tuple of float
+        The values there [m].
+    """
+
+    s: Annotated[tuple[float, ...], Meta(min_length=2)]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _check_samples("PiecewiseLinear", self.s, self.values)
+
+    def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
+        """See Path.evaluate. Raises InputError if the arc lengths do not cover [0, span]."""
+        _check_cover("PiecewiseLinear", self.s, span)
+        slopes = np.diff(self.values) / np.diff(self.s)
+        line = np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, slopes.size - 1)
+        return np.interp(s, self.s, self.values), slopes[line], np.zeros_like(s)
+
+    def knots(self) -> tuple[float, ...]:
+        """See Path.knots."""
+        return self.s[1:-1]
+
+    def kinks(self) -> tuple[float, ...]:
+        """See Path.kinks."""
+        return self.s[1:-1]
+
 
 @value
 class Sampled:
@@ -77,16 +124,11 @@ class Sampled:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        finite_array("Sampled.values", self.values, (len(self.s),))
-        if np.any(np.diff(self.s) <= 0):
-            raise InputError("Sampled.s", self.s, "strictly increasing arc lengths")
+        _check_samples("Sampled", self.s, self.values)
 
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
         """See Path.evaluate. Raises InputError if the samples do not cover [0, span]."""
-        if self.s[0] > 1e-12 * span or self.s[-1] < span * (1 - 1e-12):
-            raise InputError(
-                "Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {length_text(span)}"
-            )
+        _check_cover("Sampled", self.s, span)
         spline = _spline(self)
         x = np.clip(s, self.s[0], self.s[-1])
         return spline(x), spline(x, 1), spline(x, 2)
@@ -94,6 +136,23 @@ class Sampled:
     def knots(self) -> tuple[float, ...]:
         """See Path.knots."""
         return self.s[1:-1]
+
+    def kinks(self) -> tuple[float, ...]:
+        """See Path.kinks."""
+        return ()
+
+
+def _check_samples(name: str, s: tuple[float, ...], values: tuple[float, ...]) -> None:
+    """Raise InputError if the samples of a path are not a function of arc length."""
+    finite_array(f"{name}.values", values, (len(s),))
+    if np.any(np.diff(s) <= 0):
+        raise InputError(f"{name}.s", s, "strictly increasing arc lengths")
+
+
+def _check_cover(name: str, s: tuple[float, ...], span: float) -> None:
+    """Raise InputError if the samples of a path do not cover [0, span]."""
+    if s[0] > 1e-12 * span or s[-1] < span * (1 - 1e-12):
+        raise InputError(f"{name}.s", (s[0], s[-1]), f"samples from 0 to {length_text(span)}")
 
 
 @lru_cache(maxsize=256)

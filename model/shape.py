@@ -338,6 +338,7 @@ class Shape(HtmlRepr):
 def at_ends(arm: Arm, scene: Scene, mesh: Mesh) -> Sections:
     """Return the cross-sections at both ends of the elements of a mesh, without loads."""
     ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
+    ends = mesh.inside(np.repeat(np.arange(mesh.steps), 2), ends)
     law = cross_section_of(scene, arm.is_curved, twisted=False)
     return Sections(arm, scene, law, ends, np.repeat(mesh.active, 2))
 

@@ -288,7 +288,8 @@ def _known(system: DiscreteRod, substeps: int, elements: Places, reach: Array) -
     """Return the known quantities of parts of elements."""
     arm, scene, mesh, structure = system.arm, system.scene, system.mesh, system.layout.structure
     share = (np.arange(substeps)[:, None] + _SAMPLES)[:, :, None] / substeps * reach
-    s = (mesh.s[elements] + share * np.diff(mesh.s)[elements]).ravel()
+    s = mesh.s[elements] + share * np.diff(mesh.s)[elements]
+    s = mesh.inside(np.broadcast_to(elements, s.shape), s).ravel()
     active = np.broadcast_to(mesh.active[elements], share.shape).ravel()
     end = np.broadcast_to(mesh.s[1:][elements], share.shape).ravel()
     sections = Sections(arm, scene, structure.law, s, active, structure.machine_code)

@@ -218,7 +218,8 @@ class PrintedMap(ExplicitMap):
 
     def _samples(self, start: Array, h: Array, active: Counts, T: Any) -> Any:
         samples = np.array(self.scheme.samples)
-        s = (start[:, None] + h[:, None] * samples).ravel()
+        first = np.nextafter(start + h, np.inf)
+        s = np.clip(start[:, None] + h[:, None] * samples, first[:, None], start[:, None]).ravel()
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
     def run(self, tensions: Array) -> tuple[Array, Array]:

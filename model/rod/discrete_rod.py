@@ -17,7 +17,7 @@ from octoplan.model.cross_section.energy import RubberSection
 from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, kinematics
 from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
-from octoplan.model.mesh import Mesh, graded
+from octoplan.model.mesh import Mesh, graded, kinks
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import element
@@ -88,7 +88,7 @@ class DiscreteRod:
         anchorages = [mesh.node(section.at) for section in arm.sections]
         ends = tuple(anchorages[i] for i, _ in arm.tendons)
         groups, self.node_terms = group_node_terms(self.terms, mesh)
-        self.layout = layout(structure, ends, mesh.steps, groups)
+        self.layout = layout(structure, ends, mesh.steps, groups, kinks(arm, mesh))
         self.s, weights, active = mesh.points(stages)
         self.sections = Sections(arm, scene, structure.law, self.s, active, machine_code)
         curvatures = np.arange(structure.n_strains) < 2 + structure.law.torsion

@@ -76,7 +76,8 @@ class Layout:
     lengths : Equations
         The lengths of the tendons [m].
     kinks : (P,), (P,)
-        Element before an anchorage, and tendon, for each tendon that continues beyond it.
+        Element before an anchorage or a kink of tendons, and tendon, for each tendon that
+        continues beyond.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Layout:
         ends: tuple[int, ...],
         elements: int,
         node_groups: tuple[NodeGroup, ...] = (),
+        kink_nodes: tuple[int, ...] = (),
     ) -> None:
         self.structure = structure
         self.ends = ends
@@ -124,9 +126,10 @@ class Layout:
         self.lengths = Equations(
             self.n_x, self.n_tendons, [term_of_lengths], structure.machine_code
         )
-        anchorages = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
-        k, j = _pairs(anchorages[:, None] < np.array(ends))
-        self.kinks: tuple[Places, Places] = (anchorages[k] - 1, j)
+        jumps = {end for end in ends if end < elements} | {*kink_nodes}
+        nodes = np.array(sorted(jumps), dtype=np.int64)
+        k, j = _pairs(nodes[:, None] < np.array(ends))
+        self.kinks: tuple[Places, Places] = (nodes[k] - 1, j)
 
     @cached_property
     def band(self) -> Band:

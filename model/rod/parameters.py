@@ -71,9 +71,11 @@ def rod_parameters(
         values = {"path": sections.paths} | tendon_values(points, stage, tendon)
         result["tendon_in_element"] = _by_passage(values, layout)
         k, j = layout.kinks
-        ends = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
-        path = tendon_paths(arm, ends, np.arange(k.size), j)
-        result["tendon_jump"] = {"h": np.stack([h[k], h[k + 1]]), "path": path}
+        result["tendon_jump"] = {"h": np.stack([h[k], h[k + 1]])}
+        for side, s in (("before", mesh.s[k + 1]), ("after", mesh.inside(k + 1, mesh.s[k + 1]))):
+            ends = stations(arm, s, mesh.active[k + 1])
+            path = tendon_paths(arm, ends, np.arange(k.size), j)
+            result["tendon_jump"][f"path_{side}"] = path
         result["tendon_in_element"]["h"] = h[None, layout.passages[0]]
     for members in node_terms:
         for term in members:

@@ -5,7 +5,7 @@ With states y of a term,
 
     T(s) = T(0) tension_ratio(y)        y' = tendon_state_rate(v, ...)        y = 0 at the motor
 
-and y jumps where other tendons end, because the strains jump there.
+and y jumps where other tendons end or have kinks, because the strains jump there.
 """
 
 from __future__ import annotations
@@ -158,16 +158,16 @@ def tension_ratio(structure: RodStructure, views: list[TendonView]) -> ca.SX:
 
 
 def tendon_jump(structure: RodStructure) -> Kernel:
-    """Return the kernel of a tendon between two elements where other tendons end.
+    """Return the kernel of a tendon between two elements where other tendons end or have kinks.
 
     Unknowns: strains and further variables by stage of the element before and of the element
-    beyond. Parameters: h of both, the tendon's path at the node. Rows: minus the jump of its
-    states.
+    beyond. Parameters: h of both, the tendon's path on both sides of the node. Rows: minus the
+    jump of its states.
     """
     before = ca.SX.sym("before", structure.n_stage, structure.stages)
     after = ca.SX.sym("after", structure.n_stage, structure.stages)
     h = ca.SX.sym("h", 2)
-    path = ca.SX.sym("path", 4)
+    paths = [ca.SX.sym(f"path_{side}", 4) for side in ("before", "after")]
     jumps = []
     for i, term in enumerate(structure.terms):
         views_before, views_after = (
@@ -175,11 +175,12 @@ def tendon_jump(structure: RodStructure) -> Kernel:
                 TendonView(v[: structure.n_strains], v[structure.variable_slices[i]], path, {})
                 for v in ca.horzsplit(side)
             ]
-            for side in (before, after)
+            for side, path in zip((before, after), paths, strict=True)
         )
         jumps.append(term.tendon_jump(structure.law, views_before, views_after, h))
     y = ca.vertcat(ca.vec(before), ca.vec(after))
-    return Kernel("tendon_jump", y, {"h": h, "path": path}, -ca.vertcat(*jumps))
+    parameters = {"h": h, "path_before": paths[0], "path_after": paths[1]}
+    return Kernel("tendon_jump", y, parameters, -ca.vertcat(*jumps))
 
 
 def idle_tendon() -> Kernel:

@@ -12,7 +12,17 @@ import jsonschema
 import numpy as np
 import pytest
 
-from octoplan.model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled, Scene, settle
+from octoplan.model import (
+    Anchorage,
+    Arm,
+    Linear,
+    Material,
+    PiecewiseLinear,
+    RestCurvature,
+    Sampled,
+    Scene,
+    settle,
+)
 from octoplan.model.arm import PAPER_ARMS
 from octoplan.model.effects import (
     Buoyancy,
@@ -198,7 +208,7 @@ def test_every_field_of_an_arm_has_a_key() -> None:
     hull_mm = [16, 16]
     sections = [
       { at_mm = 250, offset_mm = [16, 8], angles_deg = [0, 180] },
-      { at_mm = 125, offset_mm = { s_mm = [0, 50, 100, 125], values_mm = [8, 8, 8, 4] } },
+      { at_mm = 125, offset_mm.s_mm = [0, 100, 125], offset_mm.values_mm = [8, 8, 4], offset_mm.interpolation = "linear" },
       { at_mm = 100, angles_deg = [0, 180], turn_deg = [[0, 90], [0, -180]], offset_mm = [
         [8, 4], { s_mm = [0, 50, 75, 100], values_mm = [8, 8, 8, 4] }] },
       { at_mm = 75, angles_deg = [0, 180], turn_deg = [0, 90], offset_mm = [4, 4] },
@@ -213,7 +223,7 @@ def test_every_field_of_an_arm_has_a_key() -> None:
         Sampled((0, 50 * mm, 0.125, 0.25), (8 * mm, 7 * mm, 6 * mm, 4 * mm)),
         (
             Anchorage(0.25, Linear(16 * mm, 8 * mm), (0.0, np.pi)),
-            Anchorage(0.125, Sampled((0, 50 * mm, 0.1, 0.125), (8 * mm, 8 * mm, 8 * mm, 4 * mm))),
+            Anchorage(0.125, PiecewiseLinear((0, 0.1, 0.125), (8 * mm, 8 * mm, 4 * mm))),
             Anchorage(
                 0.1,
                 (

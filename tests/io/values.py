@@ -24,6 +24,7 @@ from octoplan.model import (
     InputError,
     Linear,
     Material,
+    PiecewiseLinear,
     RestCurvature,
     Sampled,
     Scene,
@@ -126,6 +127,9 @@ _PATHS: SearchStrategy[Any] = st.one_of(
     st.tuples(_numbers(0.005, 0.01), _numbers(0.004, 0.01)).map(lambda own: Linear(*own)),
     st.lists(_numbers(0.004, 0.01), min_size=4, max_size=4).map(
         lambda own: Sampled((0.0, 0.1, 0.2, 0.3), tuple(own))
+    ),
+    st.lists(_numbers(0.004, 0.01), min_size=3, max_size=3).map(
+        lambda own: PiecewiseLinear((0.0, 0.08, 0.3), tuple(own))
     ),
 )
 

@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 from msgspec import UNSET, Meta
 
-from octoplan.model.paths import Array, Linear, Path, Sampled
+from octoplan.model.paths import Array, Linear, Path, PiecewiseLinear, Sampled
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.io.files import versions
@@ -121,7 +121,13 @@ class FieldFormat:
 
 # Decoders by table, and encoders by class; None for a class that has the exact form only.
 READ: dict[Any, Callable[[Any], Any]] = {}
-WRITE: dict[Any, Callable[[Any], dict[str, Any]] | None] = {Linear: None, Sampled: None}
+WRITE: dict[Any, Callable[[Any], dict[str, Any]] | None] = {
+    Linear: None,
+    PiecewiseLinear: None,
+    Sampled: None,
+}
+# Classes of functions of arc length by samples, by the value of the key `interpolation`.
+INTERPOLATIONS: dict[str, Any] = {"spline": Sampled, "linear": PiecewiseLinear}
 # Classes that are implied by the place in a file; the exact form has no key `kind`.
 PLACED: set[Any] = set()
 # By table of a class: the key of each argument, the annotations, the formats of other arguments.
@@ -237,8 +243,9 @@ def _number_in_si(value: float, unit: str) -> float:
 
 def _read_path(value: Any, key: str, unit: str | None) -> Path:
     if isinstance(value, Table):
-        s, values = (getattr(value, item) for item in value.__struct_fields__)
-        return Sampled(in_si(s, "mm"), in_si(values, unit))
+        s, values, interpolation = (getattr(value, item) for item in value.__struct_fields__)
+        path: Path = INTERPOLATIONS[interpolation](in_si(s, "mm"), in_si(values, unit))
+        return path
     if len(value) != 2:
         end = "tip" if unit == "1/m" else "end"
         keys = ", ".join(f"{item} = [...]" for item in sample_keys(unit or ""))
@@ -304,9 +311,11 @@ def encode(value: Any, unit: str | None = "") -> Any:
         raise InputError("to save", value, f"one of {', '.join(item.__name__ for item in WRITE)}")
     if isinstance(value, Linear):
         return encode((value.base, value.end), unit)
-    if isinstance(value, Sampled):
-        s, values = sample_keys(unit)
-        return {s: encode(value.s, "mm"), values: encode(value.values, unit)}
+    for interpolation, kind in INTERPOLATIONS.items():
+        if isinstance(value, kind):
+            s, values = sample_keys(unit)
+            keys = {s: encode(value.s, "mm"), values: encode(value.values, unit)}
+            return keys if kind is Sampled else keys | {"interpolation": interpolation}
     return table_of(value)
 
 

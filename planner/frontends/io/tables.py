@@ -19,8 +19,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from octoplan.model.paths import Array, Linear, Path, Sampled
+from octoplan.model.paths import Array, Linear, Path
 from octoplan.planner.frontends.io.codec import (
+    INTERPOLATIONS,
     KEYS,
     PLACED,
     READ,
@@ -72,11 +73,14 @@ def struct(
 def _samples(name: str, unit: str) -> Any:
     """Return the table of a function of arc length given by samples with a unit."""
     about = ("arc lengths from the base", "mm"), ("values at these arc lengths", unit)
-    fields = [
-        (key, Annotated[list[float], quantity(*item, min_length=4)])
+    fields: list[Any] = [
+        (key, Annotated[list[float], quantity(*item, min_length=2)])
         for key, item in zip(sample_keys(unit), about, strict=True)
     ]
-    doc = "A function of arc length: the cubic spline through samples."
+    between = "cubic spline through at least four samples, or straight lines with kinks"
+    choices: Any = Literal[tuple(INTERPOLATIONS)]
+    fields.append(("interpolation", Annotated[choices, quantity(between)], "spline"))
+    doc = "A function of arc length through samples."
     return struct(f"{name}Samples", fields, doc)
 
 
@@ -239,5 +243,5 @@ def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> An
 def exact_choices(kind: Any) -> list[Any]:
     """Return the exact tables of a class, or of all derived classes."""
     kinds = [kind] if kind in WRITE else [item for item in WRITE if issubclass(item, kind)]
-    kinds = [Linear, Sampled] if kind is Path else kinds
+    kinds = [Linear, *INTERPOLATIONS.values()] if kind is Path else kinds
     return list(map(exact, kinds)) or [exact(kind, placed=True)]
