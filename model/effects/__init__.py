@@ -1,7 +1,15 @@
 """The effects of the model core, which a scene may contain."""
 
 from octoplan.model.effects.base import Effect
-from octoplan.model.effects.loads import Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight
+from octoplan.model.effects.loads import (
+    Buoyancy,
+    Current,
+    LineLoad,
+    PointLoad,
+    PointMass,
+    TipLoad,
+    Weight,
+)
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
 
 __all__ = [
@@ -10,6 +18,7 @@ __all__ = [
     "Effect",
     "ExactTendons",
     "Extension",
+    "LineLoad",
     "NeoHookean",
     "PointLoad",
     "PointMass",

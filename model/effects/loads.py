@@ -1,4 +1,4 @@
-"""Loads: weight and buoyancy, forces and masses at places along the arm, and streams."""
+"""Loads: weight and buoyancy, loads and masses at places and along the arm, and streams."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Annotated, Any
 from octoplan.model.arm import Arm
 from octoplan.model.effects.base import Effect, EffectSet, Rules
 from octoplan.model.rod.load_terms import (
+    DeadLineTerm,
     DeadTipTerm,
     DragTerm,
+    FollowerLineTerm,
     FollowerTerm,
     PointForceTerm,
     WeightTerm,
@@ -125,10 +127,10 @@ class TipLoad(Effect):
 
 @value
 class PointLoad(Effect):
-    """A dead force on the midline at arc length s; a scene may have several, at different places.
+    """A dead force and moment at arc length s; a scene may have several, at different places.
 
-    The force in the arm jumps, F(s-) = F(s+) + force; the moment is continuous. The effect adds
-    torsion, the moment at the nodes, and a node at s.
+    Force and moment in the arm jump, F(s-) = F(s+) + force and M(s-) = M(s+) + moment. The effect
+    adds torsion, the moment at the nodes, and a node at s.
 
     Attributes
     ----------
@@ -136,10 +138,13 @@ class PointLoad(Effect):
         Arc length [m] on the arm.
     force : (3,)
         In the base frame [N].
+    moment : (3,)
+        In the base frame [N m], none by default.
     """
 
     s: ArcLength
     force: Force
+    moment: Annotated[Vector, unit("N m")] | None = None
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -151,12 +156,68 @@ class PointLoad(Effect):
         _check_place("PointLoad.s", self.s, arm)
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
-        """Return the force at its arc length."""
-        return PointForceTerm(self.s, self.force, None)
+        """Return force and moment at their arc length."""
+        return PointForceTerm(self.s, self.force, moment=self.moment)
 
     def without_force(self) -> Effect:
-        """Return the load without force."""
-        return replace(self, force=_NONE)
+        """Return the load without force and moment."""
+        return replace(self, force=_NONE, moment=None if self.moment is None else _NONE)
+
+
+@value
+class LineLoad(Effect):
+    """A force and a moment per unit length of the midline at rest, on a part of the arm.
+
+    Fluids, magnets and pressure chambers load arms like this: F' = -force, M' = -u' x F - moment.
+    A scene may have several, at different places. The effect adds torsion, the moment at the
+    nodes, and nodes at both ends of the part; a follower also adds the force at the nodes.
+
+    Attributes
+    ----------
+    force : (3,)
+        [N/m].
+    moment : (3,)
+        [N m/m].
+    begin, end : float
+        Arc lengths [m] of the loaded part. The default is the whole arm.
+    follower : bool
+        Whether force and moment turn with the cross-sections (t, n, b); otherwise they are constant
+        in the base frame.
+    """
+
+    force: Annotated[Vector, unit("N/m")] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, unit("N m/m")] = (0.0, 0.0, 0.0)
+    begin: ArcLength = 0.0
+    end: ArcLength | None = None
+    follower: bool = False
+
+    def __post_init__(self) -> None:
+        if self.end is not None and self.end <= self.begin:
+            allowed = f"above begin, {length_text(self.begin)}"
+            raise InputError("LineLoad.end", self.end, allowed)
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """The loaded part, and whether the load is a follower."""
+        return self.begin, math.inf if self.end is None else self.end, self.follower
+
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect: the loaded part must be on the arm."""
+        if self.begin >= arm.length:
+            allowed = f"below the arm's length, {length_text(arm.length)}"
+            raise InputError("LineLoad.begin", self.begin, allowed)
+        if self.end is not None:
+            _check_place("LineLoad.end", self.end, arm)
+
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return the dead load, or the follower."""
+        kind = FollowerLineTerm if self.follower else DeadLineTerm
+        end = math.inf if self.end is None else self.end
+        return kind(self.force, self.moment, self.begin, end)
+
+    def without_force(self) -> Effect:
+        """Return the load without force and moment."""
+        return replace(self, force=_NONE, moment=_NONE)
 
 
 @value

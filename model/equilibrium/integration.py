@@ -344,21 +344,28 @@ def _rates(structure: RodStructure, loads: bool) -> BatchFunction:
     kappa, nu = law.twist(v)
     along = frame @ nu
     rates = [multiply(q, ca.vertcat(0, kappa)) / 2, along]
+    sections = [
+        SectionView(
+            strains=v,
+            variables=ca.SX.nan(term.n_stage_variables(law)),
+            parameters=of_term(structure, i, symbols),
+            load_factor=load_factor,
+            frame=frame,
+            kappa=kappa,
+            nu=nu,
+            from_base=lambda vector: vector,
+        )
+        for i, term in enumerate(structure.terms)
+    ]
+    views = list(zip(structure.terms, sections, strict=True))
     if structure.has_moment:
-        rates.append(-ca.cross(along, F))
+        m = ca.SX.zeros(3)
+        for term, section in views:
+            m += load_factor * term.moment_per_length(section)
+        rates.append(-ca.cross(along, F) - m)
     if structure.has_force:
         f = in_base + frame @ in_local if loads else ca.SX.zeros(3)
-        for i, term in enumerate(structure.terms):
-            section = SectionView(
-                strains=v,
-                variables=ca.SX.nan(term.n_stage_variables(law)),
-                parameters=of_term(structure, i, symbols),
-                load_factor=load_factor,
-                frame=frame,
-                kappa=kappa,
-                nu=nu,
-                from_base=lambda vector: vector,
-            )
+        for term, section in views:
             f += load_factor * term.load_per_length(section)
         rates.append(-f)
     inputs = [y, known, wrench, ca.vec(inverse), dead, load_factor, parameters]

@@ -152,6 +152,7 @@ class TendonFriction(RodTerm):
         dead = section.from_base(section.load_factor * section.parameters["dead_load"])
         load = section.frame.T @ (section.load + dead)
         moment = ca.cross(section.kappa, section.moment) + ca.cross(section.nu, section.force)
+        moment += section.frame.T @ section.distributed_moment
         force = ca.cross(section.kappa, section.force) + load
         return join(law, moment, force[0], force[1:])
 

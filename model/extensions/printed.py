@@ -46,6 +46,7 @@ __all__ = ["PrintedStatics"]
 _LOADS = (
     "Contact",
     "Current",
+    "LineLoad",
     "PointLoad",
     "PointMass",
     "SelfContact",

@@ -7,13 +7,13 @@ base:
     R_i = R_k exp(rotation to stage i)                 R_{k+1} = R_k exp(rotation across)
     u_{k+1} = u_k + h sum_j b_j R_j nu_j               (u' = R nu, eq. (1))
     F_k = F_{k+1} + h sum_j b_j f_j                    (F' = -f)
-    M_k = M_{k+1} + h sum_j b_j (R_j nu_j) x F_j       (M' = -u' x F, eq. (3))
+    M_k = M_{k+1} + h sum_j b_j [(R_j nu_j) x F_j + m_j]     (M' = -u' x F - m, eq. (3))
     body(v_i) + sum T tendon(v_i) = (R_i^T M_i, R_i^T F_i)
 
 with F_i, M_i at the stages by b_j - a_ij in place of b_j, and the dead resultant added to F_i.
 Poses are integrated from the base, forces and moments from the tip, so that the balance of a stage
 contains M_{k+1} and F_{k+1}. The dead loads enter by their known resultant between each stage and
-the tip; f are the shape-dependent loads of the rod terms.
+the tip; f are the shape-dependent loads of the rod terms, m their moments per length.
 """
 
 from __future__ import annotations
@@ -155,13 +155,16 @@ def _balance_rows(
     if structure.has_force:
         loads = [intermediates.define(load) for load in loads]
     F, force_rows = _forces(structure, x, kinematics.frame_at_node, loads, intermediates)
-    M, moment_row = _moments(structure, x, kinematics, F, intermediates)
+    moments = [_moment(structure, x, section, i) for i, section in enumerate(sections)]
+    M, moment_row = _moments(structure, x, kinematics, F, moments, intermediates)
     stage_rows = []
     for i, section in enumerate(sections):
         moment = section.frame.T @ M[i]
         force = section.frame.T @ F[i]
         stage_rows.append(-join(structure.law, moment, force[0], force[1:]))
-        view = replace(section, moment=moment, force=force, load=loads[i])
+        view = replace(
+            section, moment=moment, force=force, load=loads[i], distributed_moment=moments[i]
+        )
         for k, term in enumerate(structure.terms):
             view_of_term = _section_of_term(structure, x, view, k, i)
             stage_rows.append(term.section_equations(structure.law, view_of_term))
@@ -224,6 +227,15 @@ def _load(structure: RodStructure, x: ElementSymbols, section: SectionView, stag
     return load
 
 
+def _moment(structure: RodStructure, x: ElementSymbols, section: SectionView, stage: int) -> ca.SX:
+    """Return the moment per length (3,) at a stage, in the frame at the first node [N m/m]."""
+    moment = ca.SX(3, 1)
+    for k, term in enumerate(structure.terms):
+        view = _section_of_term(structure, x, section, k, stage)
+        moment += x.load_factor * term.moment_per_length(view)
+    return moment
+
+
 def _forces(
     structure: RodStructure,
     x: ElementSymbols,
@@ -251,12 +263,18 @@ def _moments(
     x: ElementSymbols,
     kinematics: _Kinematics,
     F: list[ca.SX],
+    moments: list[ca.SX],
     intermediates: Intermediates,
 ) -> tuple[list[ca.SX], ca.SX]:
-    """Return the moments at the stages in the frame at the first node, and the residual of M_k."""
+    """Return the moments at the stages in the frame at the first node, and the residual of M_k.
+
+    `moments` are those per length at the stages.
+    """
     method = gauss(structure.stages)
-    pairs = zip(kinematics.tangents, F, strict=True)
-    rates = [intermediates.define(ca.cross(tangent, force)) for tangent, force in pairs]
+    parts = zip(kinematics.tangents, F, moments, strict=True)
+    rates = [
+        intermediates.define(ca.cross(tangent, force) + moment) for tangent, force, moment in parts
+    ]
     M_next = x.w_next[:3] + x.moment
     mean_rate = intermediates.define(weighted_sum(method.b, rates))
     row = x.w[:3] - M_next - x.h * kinematics.frame_at_node @ mean_rate

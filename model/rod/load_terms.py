@@ -1,4 +1,4 @@
-"""Rod terms of the loads: weight, forces at places along the arm, followers and currents."""
+"""Rod terms of the loads: weight, loads at places and along the arm, followers and currents."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class FollowerTerm(RodTerm):
 
 @dataclass(frozen=True)
 class PointForceTerm(RodTerm):
-    """A dead force on a cross-section.
+    """A dead force and moment on a cross-section.
 
     The force is part of the dead resultant D and adds no jump of the node states. A force off the
     midline adds the moment (R offset) x force at its node.
@@ -165,44 +165,158 @@ class PointForceTerm(RodTerm):
         In the base frame [N].
     offset : (3,) or None
         From the midline in the local frame [m].
+    moment : (3,) or None
+        In the base frame [N m].
     """
 
     s: float
     force: Vector
-    offset: Vector | None
+    offset: Vector | None = None
+    moment: Vector | None = None
     couples_sections = True
-    node_parameters: ClassVar[Sizes] = {"offset": 3, "force": 3}
+    node_parameters: ClassVar[Sizes] = {"offset": 3, "force": 3, "moment": 3}
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether there is no moment: a dead moment has no potential."""
+        return not any(self.moment or ())
 
     def required_arc_lengths(self, arm: Arm) -> tuple[float, ...]:
         """Return the place of the force."""
         return (self.s,) if 0 < self.s < arm.length else ()
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
-        """Return the node of a force off the midline."""
-        return (mesh.node(self.s),) if self.offset else ()
+        """Return the node of a moment, or of a force off the midline."""
+        return (mesh.node(self.s),) if self.offset or self.moment else ()
 
     def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
         """Return the force on its base side."""
         return np.outer(self.force, self.s >= end - SAME * arm.length)
 
     def node_moment(self, node: NodeView) -> ca.SX:
-        """Return (R offset) x force."""
-        return ca.cross(node.frame @ node.parameters["offset"], node.parameters["force"])
+        """Return (R offset) x force + moment."""
+        lever_arm = node.frame @ node.parameters["offset"]
+        return ca.cross(lever_arm, node.parameters["force"]) + node.parameters["moment"]
 
     def node_values(self, arm: Arm, mesh: Mesh, nodes: Counts) -> Values:
-        """Return offset and force."""
-        offset = np.array(self.offset or (0.0, 0.0, 0.0))
-        return {"offset": offset[:, None], "force": np.array(self.force)[:, None]}
+        """Return offset, force and moment."""
+        none = (0.0, 0.0, 0.0)
+        values = {"offset": self.offset or none, "force": self.force, "moment": self.moment or none}
+        return {name: np.array(each)[:, None] for name, each in values.items()}
 
     def force_bound(self, arm: Arm, s: Array) -> Array:
         """Return the size of the force on its base side."""
         return np.where(s <= self.s, _capped_norm(self.force), 0.0)
 
     def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
-        """Return the moment of a force off the midline."""
-        if not self.offset:
+        """Return the moment of a force off the midline, and |moment| / 2."""
+        if not self.offset and not self.moment:
             return ()
-        return ((self.s, float(np.linalg.norm(self.offset)) * _capped_norm(self.force)),)
+        bound = float(np.linalg.norm(self.offset or 0.0)) * _capped_norm(self.force)
+        return ((self.s, bound + 0.5 * _capped_norm(self.moment or 0.0)),)
+
+
+@dataclass(frozen=True)
+class LineTerm(RodTerm):
+    """A force and a moment per unit reference length between two arc lengths.
+
+    Attributes
+    ----------
+    force, moment : (3,)
+        [N/m], [N m/m].
+    begin, end : float
+        Arc lengths [m]; the tip is the end of a load with a larger `end`.
+    """
+
+    force: Vector
+    moment: Vector
+    begin: float
+    end: float
+    couples_sections = True
+    uniform_parameters: ClassVar[Sizes] = {"moment": 3}
+    section_parameters: ClassVar[Sizes] = {"is_loaded": 1}
+
+    def required_arc_lengths(self, arm: Arm) -> tuple[float, ...]:
+        """Return both ends."""
+        return tuple(s for s in (self.begin, self.end) if 0 < s < arm.length)
+
+    def is_loaded(self, s: Array) -> Array:
+        """Return 1 between both ends, otherwise 0 (n,)."""
+        return ((s > self.begin) & (s <= self.end)).astype(float)
+
+    def loaded_beyond(self, arm: Arm, s: Array) -> Array:
+        """Return the length of the loaded part between s (n,) and the tip [m]."""
+        end = min(self.end, arm.length)
+        return np.asarray(end - np.clip(s, self.begin, end))
+
+    def uniform_values(self, arm: Arm) -> Values:
+        """Return the moment per length."""
+        return {"moment": np.array(self.moment)}
+
+    def section_values(self, points: RodPoints) -> Values:
+        """Return 1 between both ends, otherwise 0."""
+        return {"is_loaded": self.is_loaded(points.stations.s)[None]}
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return the size of the force beyond s."""
+        return _capped_norm(self.force) * self.loaded_beyond(arm, s)
+
+
+@dataclass(frozen=True)
+class DeadLineTerm(LineTerm):
+    """A load along the arm that is constant in the base frame; see LineTerm."""
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether there is no moment: a dead moment has no potential."""
+        return not any(self.moment)
+
+    def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
+        """Return the force between s and the tip."""
+        return np.outer(self.force, self.loaded_beyond(arm, s))
+
+    def dead_load_per_length(self, arm: Arm, s: Array) -> Array:
+        """Return the force per length."""
+        return np.outer(self.force, self.is_loaded(s))
+
+    def moment_per_length(self, section: SectionView) -> ca.SX:
+        """Return the moment per length."""
+        return section.parameters["is_loaded"] * section.from_base(section.parameters["moment"])
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return half of the whole moment, at the end of the load."""
+        moment = 0.5 * _capped_norm(self.moment) * float(self.loaded_beyond(arm, np.zeros(1))[0])
+        return ((min(self.end, arm.length), moment),)
+
+
+@dataclass(frozen=True)
+class FollowerLineTerm(LineTerm):
+    """A load along the arm that is constant in the frames of the cross-sections; see LineTerm."""
+
+    depends_on_shape = True
+    uniform_parameters: ClassVar[Sizes] = {"force": 3, "moment": 3}
+
+    @property
+    def is_conservative(self) -> bool:
+        """False: the work depends on the path."""
+        return False
+
+    def load_per_length(self, section: SectionView) -> ca.SX:
+        """Return R force."""
+        return section.parameters["is_loaded"] * section.frame @ section.parameters["force"]
+
+    def moment_per_length(self, section: SectionView) -> ca.SX:
+        """Return R moment."""
+        return section.parameters["is_loaded"] * section.frame @ section.parameters["moment"]
+
+    def uniform_values(self, arm: Arm) -> Values:
+        """Return force and moment per length."""
+        return {"force": np.array(self.force), "moment": np.array(self.moment)}
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return (1.5 |moment| + |force| L) times the loaded length, at the end of the load."""
+        load = 1.5 * _capped_norm(self.moment) + _capped_norm(self.force) * arm.length
+        return ((min(self.end, arm.length), load * float(self.loaded_beyond(arm, np.zeros(1))[0])),)
 
 
 @dataclass(frozen=True)

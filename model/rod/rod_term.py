@@ -69,6 +69,8 @@ class SectionView:
         Internal moment [N m] and force [N] in local components; defined in `section_equations`.
     load : (3,)
         Sum of the shape-dependent loads [N/m]; defined in `section_equations`.
+    distributed_moment : (3,)
+        Sum of the moments per length [N m/m]; defined in `section_equations`.
     """
 
     strains: ca.SX
@@ -84,6 +86,7 @@ class SectionView:
     moment: ca.SX = field(default_factory=_undefined(3))
     force: ca.SX = field(default_factory=_undefined(3))
     load: ca.SX = field(default_factory=_undefined(3))
+    distributed_moment: ca.SX = field(default_factory=_undefined(3))
 
 
 @dataclass(frozen=True)
@@ -301,6 +304,13 @@ class RodTerm:
 
     def load_per_length(self, section: SectionView) -> ca.SX:
         """Return the shape-dependent load (3,) per unit reference length [N/m].
+
+        The result is in the frame of the first node of the element; see SectionView.
+        """
+        return ca.SX(3, 1)
+
+    def moment_per_length(self, section: SectionView) -> ca.SX:
+        """Return the moment (3,) per unit reference length [N m/m], which may depend on frames.
 
         The result is in the frame of the first node of the element; see SectionView.
         """

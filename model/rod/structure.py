@@ -149,7 +149,13 @@ def _consecutive(sizes: list[int], start: int = 0) -> tuple[slice, ...]:
 
 
 # Members that extend cross-sections and tendons, not the nodes alone.
-_SECTION_MEMBERS = ("load_per_length", "n_stage_variables", "tendon_state_rate", "tension_ratio")
+_SECTION_MEMBERS = (
+    "load_per_length",
+    "moment_per_length",
+    "n_stage_variables",
+    "tendon_state_rate",
+    "tension_ratio",
+)
 
 
 def section_terms(terms: tuple[RodTerm, ...]) -> tuple[RodTerm, ...]:

@@ -19,6 +19,7 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
+    LineLoad,
     NeoHookean,
     PointLoad,
     PointMass,
@@ -103,7 +104,9 @@ def test_keyframe_stays_for_six_seconds_under_loads(seed: int) -> None:
 
 SINGLE = {
     "buoyancy": WATER,
-    "point load": (*WATER, PointLoad(0.2, (0.0, 1e-2, -5e-3))),
+    "point load": (*WATER, PointLoad(0.2, (0.0, 1e-2, -5e-3), (1e-5, -1e-4, 1e-4))),
+    "line load": (LineLoad((0.0, 2e-2, -2e-2), (1e-4, -5e-4, 4e-4), 0.03, 0.25),),
+    "following line": (LineLoad((0.0, 2e-2, -2e-2), (1e-4, -5e-4, 4e-4), 0.1, None, True),),
     "tip load": (TipLoad((0.0, 3e-3, -3e-3), (1e-5, -1e-4, 1e-4)),),
     "follower": (TipLoad((0.0, 3e-3, -3e-3), (1e-5, -1e-4, 1e-4), follower=True),),
     "point mass": (*WATER, PointMass(0.25, 2e-3, (0.0, 0.01, 0.0))),

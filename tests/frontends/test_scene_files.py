@@ -30,6 +30,7 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
+    LineLoad,
     NeoHookean,
     PointLoad,
     PointMass,
@@ -165,6 +166,18 @@ EFFECTS: dict[str, tuple[str, tuple[Effect, ...]]] = {
         "[[effects.point_loads]]\ns_mm = 100.5\nforce = [0.001, 0, 0]",
         (PointLoad(0.225, (0.0, 0.0, -0.005)), PointLoad(0.1005, (0.001, 0.0, 0.0))),
     ),
+    "moment": (
+        "[[effects.point_loads]]\ns_mm = 225\nforce = [0, 0, -0.005]\nmoment = [0, 0, 1e-4]",
+        (PointLoad(0.225, (0.0, 0.0, -0.005), (0.0, 0.0, 1e-4)),),
+    ),
+    "line loads": (
+        "[[effects.line_loads]]\nforce = [0, 0.1, 0]\nmoment = [0, 0, 1e-3]\nbegin_mm = 100\n"
+        "end_mm = 200\nfollower = true\n[[effects.line_loads]]\nforce = [0, 0, -0.2]",
+        (
+            LineLoad((0.0, 0.1, 0.0), (0.0, 0.0, 1e-3), 0.1, 0.2, True),
+            LineLoad((0.0, 0.0, -0.2)),
+        ),
+    ),
     "a mass": (
         "weight = {}\n[[effects.point_masses]]\ns_mm = 225\nmass_g = 2\n"
         "[[effects.point_masses]]\ns_mm = 225\nmass_g = 3\noffset_mm = [0, 12, -1]",
@@ -208,7 +221,8 @@ def test_every_field_of_an_arm_has_a_key() -> None:
     hull_mm = [16, 16]
     sections = [
       { at_mm = 250, offset_mm = [16, 8], angles_deg = [0, 180] },
-      { at_mm = 125, offset_mm.s_mm = [0, 100, 125], offset_mm.values_mm = [8, 8, 4], offset_mm.interpolation = "linear" },
+      { at_mm = 125, offset_mm = { interpolation = "linear", s_mm = [
+        0, 100, 125], values_mm = [8, 8, 4] } },
       { at_mm = 100, angles_deg = [0, 180], turn_deg = [[0, 90], [0, -180]], offset_mm = [
         [8, 4], { s_mm = [0, 50, 75, 100], values_mm = [8, 8, 8, 4] }] },
       { at_mm = 75, angles_deg = [0, 180], turn_deg = [0, 90], offset_mm = [4, 4] },

@@ -105,12 +105,15 @@ class Gap(NamedTuple):
 
 def loaded_by(scene: Scene, pairs: Sequence[Pair]) -> Scene:
     """Return the scene with the forces of pairs as point loads."""
-    forces = {load.s: np.array(load.force) for load in scene.effects if isinstance(load, PointLoad)}
+    loads = [load for load in scene.effects if isinstance(load, PointLoad)]
+    forces = {load.s: np.array(load.force) for load in loads}
+    moments = {load.s: load.moment for load in loads}
     for pair in pairs:
         for s, sign in zip(pair.s.tolist(), (-1.0, 1.0), strict=True):
             forces[s] = forces.get(s, 0.0) + sign * pair.force
     rest = (effect for effect in scene.effects if not isinstance(effect, PointLoad))
-    return Scene(*rest, *(PointLoad(s, tuple(f.tolist())) for s, f in sorted(forces.items())))
+    merged = (PointLoad(s, tuple(f.tolist()), moments.get(s)) for s, f in sorted(forces.items()))
+    return Scene(*rest, *merged)
 
 
 # An equilibrium, and the pairs that are closed.

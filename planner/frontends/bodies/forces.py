@@ -18,6 +18,7 @@ from octoplan.model.effects import (
     Current,
     ExactTendons,
     Extension,
+    LineLoad,
     NeoHookean,
     PointLoad,
     PointMass,
@@ -34,9 +35,9 @@ from octoplan.model.support.units import warn
 
 # Effects of the cross-section, which the springs represent.
 _STATICS = (ExactTendons, Extension, NeoHookean, PrintedStatics, Shear)
-_CARRIED = (Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight)
-# Points per link at which a current is integrated.
-_DRAG_POINTS = 4
+_CARRIED = (Buoyancy, Current, LineLoad, PointLoad, PointMass, TipLoad, Weight)
+# Points per link at which a load along the arm is integrated.
+_LOAD_POINTS = 4
 
 
 class ExportWarning(UserWarning):
@@ -162,7 +163,7 @@ class Mass:
 
 
 def site_forces(shape: Shape, bodies: Bodies) -> list[SiteForce]:
-    """Return the wrenches of point loads, the tip load and the current."""
+    """Return the wrenches of point loads, line loads, the tip load and the current."""
     tip = bodies.s.size - 1
     results: list[SiteForce] = []
     loads = [effect for effect in shape.scene.effects if isinstance(effect, PointLoad)]
@@ -170,8 +171,13 @@ def site_forces(shape: Shape, bodies: Bodies) -> list[SiteForce]:
         body = bodies.body_at(load.s)
         place = bodies.local(body, shape.position(load.s))
         results.append(
-            SiteForce(f"point_load_{i}", body, place, np.append(load.force, np.zeros(3)))
+            SiteForce(
+                f"point_load_{i}", body, place, np.append(load.force, load.moment or np.zeros(3))
+            )
         )
+    lines = [effect for effect in shape.scene.effects if isinstance(effect, LineLoad)]
+    for i, line in enumerate(lines):
+        results += _line_forces(shape, bodies, line, f"line_load_{i}")
     end = shape.scene.find(TipLoad)
     if end is not None:
         wrench = np.append(end.force, end.moment)
@@ -181,13 +187,38 @@ def site_forces(shape: Shape, bodies: Bodies) -> list[SiteForce]:
     return [each for each in results if each.wrench.any()]
 
 
+def _line_forces(shape: Shape, bodies: Bodies, load: LineLoad, name: str) -> Iterator[SiteForce]:
+    """Yield the resultant wrench of a line load on each link that it loads.
+
+    Dead forces act at their centroid, so that the link may turn; followers turn with the link.
+    """
+    last = shape.arm.length if load.end is None else load.end
+    for i, (start, end) in enumerate(zip(bodies.s[:-1], bodies.s[1:], strict=True)):
+        begin, reach = max(start, load.begin), min(end, last)
+        if reach <= begin:
+            continue
+        h = (reach - begin) / _LOAD_POINTS
+        s = begin + h * (np.arange(_LOAD_POINTS) + 0.5)
+        points = shape.position(s)
+        place = points.mean(axis=0)
+        axes = shape.frame(s) if load.follower else np.broadcast_to(np.eye(3), (s.size, 3, 3))
+        f = h * axes @ np.array(load.force)
+        moment = np.cross(points - place, f).sum(axis=0)
+        moment += (h * axes @ np.array(load.moment)).sum(axis=0)
+        force = f.sum(axis=0)
+        if load.follower:
+            force, moment = bodies.frames[i].T @ force, bodies.frames[i].T @ moment
+        wrench = np.append(force, moment)
+        yield SiteForce(f"{name}_{i}", i, bodies.local(i, place), wrench, load.follower)
+
+
 def _drag_forces(shape: Shape, bodies: Bodies, current: Current) -> Iterator[SiteForce]:
     """Yield the resultant wrench of a current on each link, at the origin of the link."""
     ends = zip(bodies.s[:-1], bodies.s[1:], strict=True)
     velocity = np.array(current.velocity)
     for i, (start, end) in enumerate(ends):
-        h = (end - start) / _DRAG_POINTS
-        s = start + h * (np.arange(_DRAG_POINTS) + 0.5)
+        h = (end - start) / _LOAD_POINTS
+        s = start + h * (np.arange(_LOAD_POINTS) + 0.5)
         t = shape.frame(s)[:, :, 0]
         across = velocity - (t @ velocity)[:, None] * t
         radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
