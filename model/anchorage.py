@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 
-from octoplan.model.paths import Linear, Path
+from octoplan.model.paths import SAME, Linear, Path
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import (
     Angle,
     AnglePaths,
     CurvaturePath,
+    Guides,
     Length,
     LengthPaths,
     Positive,
     unit,
 )
-from octoplan.model.support.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
+from octoplan.model.support.units import (
+    ANGLE_AROUND,
+    DENSITY,
+    MODULUS,
+    TURN,
+    length_text,
+    warn_unusual,
+)
 from octoplan.model.support.value import value
 
 # The angles of the paper's four tendons, along n, b, -n and -b [rad].
@@ -40,16 +48,37 @@ class Anchorage:
         Angle phi of each tendon, with the direction d = cos(phi) n + sin(phi) b [rad]. The default
         is the paper's four tendons j = 1..4 along n, b, -n, -b.
     turn : Path, or a tuple with one for each tendon
-        Additional angle along the arm [rad], 0 by default. Tendons that turn twist the arm, and
-        require a scene with loads.
+        Additional angle along the arm [rad], 0 by default. Tendons that turn twist the arm.
+    guides : tuple of float
+        Arc lengths of spacer discs between the base and the anchorage [m]: the tendons run straight
+        from guide to guide, at the offsets of their paths there. Base and anchorage are guides. The
+        default None assumes a continuous guide, such as a channel in the body. An empty tuple has
+        one straight span.
+
+    Raises
+    ------
+    InputError
+        If guides are not between base and anchorage, coincide, or do not increase; and for other
+        fields that are not allowed.
     """
 
     at: Length
     offset: LengthPaths
     angles: Annotated[tuple[Angle, ...], Meta(min_length=1)] = QUARTERS
     turn: AnglePaths | None = None
+    guides: Guides | None = None
 
     def __post_init__(self) -> None:
+        for k, (before, after) in enumerate(pairwise((0.0, *(self.guides or ()), self.at))):
+            if after - before > SAME * self.at:
+                continue
+            # The anchorage is the end of the last span; the last guide is then too far.
+            i = min(k, len(self.guides or ()) - 1)
+            allowed = (
+                f"increasing arc lengths between the base and the anchorage at "
+                f"{length_text(self.at)}, which are guides themselves"
+            )
+            raise InputError(f"Anchorage.guides[{i}]", (self.guides or ())[i], allowed)
         warn_unusual("Anchorage.angles", self.angles, ANGLE_AROUND)
         for name, each in (("offset", self.offset), ("turn", self.turn)):
             if isinstance(each, tuple) and len(each) != len(self.angles):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Annotated, Any
@@ -209,6 +209,28 @@ class Arm(HtmlRepr):
     def angle_paths(self) -> tuple[Path | None, ...]:
         """The additional angle of each tendon along the arm; None for a constant angle."""
         return tuple(path for section in self.sections for path in section.angle_paths)
+
+    @cached_property
+    def guides(self) -> tuple[tuple[float, ...] | None, ...]:
+        """Arc lengths of the guides of each tendon [m], with base and anchorage.
+
+        None for tendons that are guided continuously.
+        """
+        return tuple(
+            None if each.guides is None else (0.0, *each.guides, each.at)
+            for each in self.sections
+            for _ in each.angles
+        )
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether a tendon runs straight between guides."""
+        return any(section.guides is not None for section in self.sections)
+
+    @cached_property
+    def with_continuous_guides(self) -> Arm:
+        """The same arm with tendons that are guided continuously."""
+        return replace(self, sections=tuple(replace(s, guides=None) for s in self.sections))
 
     @property
     def tendons_by_section(self) -> list[tuple[float, list[str]]]:

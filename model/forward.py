@@ -72,7 +72,7 @@ def forward_map(
         own = effect.forward_map(arm, scene, refinement, at, machine_code)
         if own is not None:
             return own
-    if is_loaded(scene):
+    if is_loaded(arm, scene):
         return Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))
     return ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
 
@@ -90,7 +90,7 @@ def collocation_map(
     With `moments` the equations have torsion and the moment at the nodes, which they have under
     loads in any case. See `forward_map` for the other parameters.
     """
-    if is_loaded(scene):
+    if is_loaded(arm, scene):
         result = forward_map(arm, scene, refinement, at, machine_code)
         assert isinstance(result, Collocation)
         return result
@@ -124,7 +124,7 @@ class ForwardMaps:
         self.scene = scene
         self.machine_code = machine_code
         self.order = convergence_order(scene, ORDER)
-        self.lever = arm.base_radius * is_loaded(scene)
+        self.lever = arm.base_radius * is_loaded(arm, scene)
         self._maps: dict[int, ForwardMap] = {}
 
     def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:

@@ -2,23 +2,44 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.effects.base import Effect
 from octoplan.model.paths import Array
+from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST
-from octoplan.model.support.errors import InputError
 
 
-def is_loaded(scene: Scene) -> bool:
-    """Return whether a scene has effects that couple cross-sections, or twist them.
+@lru_cache(maxsize=128)
+def rod_terms(arm: Arm, scene: Scene) -> tuple[RodTerm, ...]:
+    """Return the contributions of the effects of a scene, and of the tendons, to the rod.
 
-    In all other scenes each cross-section settles by itself.
+    Tendons with guides pull at the guides. Tendons that turn around the midline twist the arm: the
+    cross-sections have torsion.
     """
-    return any(term.couples_sections for term in scene.rod_terms)
+    terms = scene.rod_terms
+    if arm.is_guided:
+        from octoplan.model.extensions.guides import GuideTerm
+
+        terms = (*terms, GuideTerm.of(arm))
+    if any(arm.angle_paths) and not any(term.couples_sections for term in terms):
+        from octoplan.model.rod.load_terms import CouplingTerm
+
+        terms = (*terms, CouplingTerm())
+    return terms
+
+
+def is_loaded(arm: Arm, scene: Scene) -> bool:
+    """Return whether effects of a scene or tendons couple cross-sections, or twist them.
+
+    For all other arms and scenes each cross-section settles by itself.
+    """
+    return any(term.couples_sections for term in rod_terms(arm, scene))
 
 
 def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
@@ -80,9 +101,6 @@ def check_arm(arm: Arm, scene: Scene) -> None:
     """Raise InputError for loads that this arm cannot have, and for loads that the arm lacks."""
     for effect in scene.effects:
         effect.check_arm(arm)
-    if any(arm.angle_paths) and not is_loaded(scene):
-        allowed = "none in a scene without loads; add a load, such as Weight, Friction or Shear"
-        raise InputError("Anchorage.turn", "tendons that turn", allowed)
 
 
 def check_responses(scene: Scene) -> None:
@@ -93,7 +111,7 @@ def check_responses(scene: Scene) -> None:
 
 def required_arc_lengths(arm: Arm, scene: Scene) -> tuple[float, ...]:
     """Return the arc lengths inside the arm at which the mesh must have a node [m]."""
-    return tuple(s for term in scene.rod_terms for s in term.required_arc_lengths(arm))
+    return tuple(s for term in rod_terms(arm, scene) for s in term.required_arc_lengths(arm))
 
 
 def growth_rate(arm: Arm, scene: Scene, s: Array) -> Array:
@@ -111,7 +129,7 @@ def growth_rate(arm: Arm, scene: Scene, s: Array) -> Array:
 def force_bound(arm: Arm, scene: Scene, s: Array) -> Array:
     """Return a bound of the resultant force (N,) of all loads between s (N,) and the tip [N]."""
     force = np.zeros(s.size)
-    for term in scene.rod_terms:
+    for term in rod_terms(arm, scene):
         force += term.force_bound(arm, s)
     return force
 
@@ -121,7 +139,7 @@ def turning_bounds(arm: Arm, scene: Scene) -> tuple[Array, Array]:
 
     Arc lengths (n,) [m] and moments (n,) [N m]; see RodTerm.turning_bounds.
     """
-    rows = [row for term in scene.rod_terms for row in term.turning_bounds(arm)]
+    rows = [row for term in rod_terms(arm, scene) for row in term.turning_bounds(arm)]
     table = np.array(rows).reshape(-1, 2)
     return table[:, 0], table[:, 1]
 
@@ -133,6 +151,6 @@ def dead_resultant(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
     lie in.
     """
     force = np.zeros((3, s.size))
-    for term in scene.rod_terms:
+    for term in rod_terms(arm, scene):
         force += term.dead_resultant(arm, s, end)
     return force

@@ -155,7 +155,7 @@ class Shape(HtmlRepr):
         The body of such an arm would fold into the arm. Without loads, an arm with exact tendons
         settles in this state; under loads, settle raises an error.
         """
-        if is_loaded(self.scene) or not self.scene.has(ExactTendons):
+        if is_loaded(self.arm, self.scene) or not self.scene.has(ExactTendons):
             return None
         at = at_ends(self.arm, self.scene, self.equilibrium.mesh)
         crushed = at.crushed(at.strains(self.tensions))

@@ -293,7 +293,7 @@ def tip_jacobian(
         As settle does.
     """
     scene = checked_scene(arm, scene)
-    if is_loaded(scene):
+    if is_loaded(arm, scene):
         return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
     point = shape.equilibrium

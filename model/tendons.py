@@ -9,10 +9,13 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects.sections import Extension
+from octoplan.model.integrators import MAGNUS6
 from octoplan.model.paths import Array, Mask
+from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST, SMALLEST
 from octoplan.model.support.errors import InputError
+from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import Lengths, tendon_lengths
 
 if TYPE_CHECKING:
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 # Smallest compliance of tendons with given lengths, over that of the arm. Regularises combinations
 # of lengths that no strain changes.
 _LEAST_COMPLIANCE = 1e-10
+# Refinement of the mesh of arms that are curved at rest: the error of lengths is rounding.
+_REST_REFINEMENT = 32
 # Smallest shortening by a taut tendon of the straight arm, over the arm's length. Smaller tensions
 # are rounding of solvers.
 _TAUT_STROKE = 1e-8
@@ -29,6 +34,7 @@ _TAUT_STROKE = 1e-8
 @lru_cache(maxsize=64)
 def _at_rest(arm: Arm) -> Lengths:
     """Return the tendons of the arm without tensions and loads."""
+    arm = arm.with_continuous_guides
     result = tendon_lengths(arm, Scene(Extension()))(np.zeros(arm.n_tendons))
     result.lengths.setflags(write=False)
     return result
@@ -38,9 +44,31 @@ def rest_lengths(arm: Arm) -> Array:
     """Return the length of each tendon in the arm at rest (n_tendons,) [m].
 
     The length is the integral of |t + Y' + kappa_0 x Y| with Y = y d and the curvature at rest
-    kappa_0. Strokes are measured from rest lengths.
+    kappa_0; the length of a tendon with guides is the sum of its spans. Strokes are measured from
+    rest lengths.
     """
-    return _at_rest(arm).lengths
+    return _rest_lengths(arm)
+
+
+@lru_cache(maxsize=64)
+def _rest_lengths(arm: Arm) -> Array:
+    """Return the rest lengths (n_tendons,) as a read-only array [m]."""
+    result = _at_rest(arm).lengths.copy()
+    if arm.is_guided:
+        from octoplan.model.extensions.guides import guide_offsets
+    for j, s in enumerate(arm.guides):
+        if s is None:
+            continue
+        free = arm.with_continuous_guides
+        at_rest = ClosedForm(free, Scene(), MAGNUS6, _REST_REFINEMENT, s)
+        poses = at_rest.solve(np.zeros(arm.n_tendons)).poses
+        nodes = [at_rest.mesh.node(each) for each in s]
+        offsets = guide_offsets(arm, s, np.arange(len(s)), np.full(len(s), j))
+        local = np.vstack([np.zeros(len(s)), offsets]).T[:, :, None]
+        points = poses[nodes, 4:] + (matrices(poses[nodes, :4]) @ local)[:, :, 0]
+        result[j] = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    result.setflags(write=False)
+    return result
 
 
 def strokes(shape: Shape, zero: Any = None) -> Array:
@@ -71,8 +99,8 @@ def is_taut(arm: Arm, tensions: Array) -> Mask:
 def arm_compliance(arm: Arm) -> float:
     """Return the sum of the shortenings of all tendons by 1 N in each, of the arm at rest [m/N].
 
-    Each tendon counts under its own tension alone. In a straight arm without slopes the terms are
-    the integrals of y^2 / EJ + 1 / EA.
+    Each tendon counts under its own tension alone, as if it was guided continuously. In a straight
+    arm without slopes the terms are the integrals of y^2 / EJ + 1 / EA.
     """
     return -float(np.trace(_at_rest(arm).length_tension))
 

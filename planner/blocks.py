@@ -48,6 +48,13 @@ def equilibrium_parameters(rod: DiscreteRod) -> list[Array]:
     return [rod.p[part].reshape(term.count, -1).T for term, part in placed]
 
 
+def length_parameters(rod: DiscreteRod) -> list[Array]:
+    """Return the parameters (n_c, N) of each placed kernel of the lengths of the tendons."""
+    lengths = rod.layout.lengths
+    placed = zip(lengths.terms, lengths.slices, strict=True)
+    return [rod.length_p[part].reshape(term.count, -1).T for term, part in placed]
+
+
 def equilibrium_scales(rod: DiscreteRod) -> tuple[Array, Array]:
     """Return the scales of the states and of the equations of equilibrium (n_states,)."""
     layout, L = rod.layout, rod.arm.length
@@ -210,15 +217,17 @@ class TendonLengths(Block):
         return np.array([self.arm_length])
 
     def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
-        """Return the integral of |c_j'|, minus l_j."""
-        (runs,) = self.layout.lengths.terms
+        """Return the length of the path of each tendon, minus l_j."""
         each = np.arange(self.n_dependents)[None, :]
-        path = Term(runs.kernel, rod[runs.unknowns], row + runs.rows)
-        return [path, Term(cached(product), unknown + each, row + each)]
+        paths = [
+            Term(term.kernel, rod[term.unknowns], row + term.rows)
+            for term in self.layout.lengths.terms
+        ]
+        return [*paths, Term(cached(product), unknown + each, row + each)]
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
         """See Block."""
-        return [rod.length_p.reshape(-1, 5).T, np.full((1, self.n_dependents), -1.0)]
+        return [*length_parameters(rod), np.full((1, self.n_dependents), -1.0)]
 
     def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
         """Return the arm's length."""

@@ -178,7 +178,7 @@ def _load_factor(shape: Shape) -> float | None:
 
     None without loads, and in contact.
     """
-    if not is_loaded(shape.scene) or has_complementarity(shape.scene):
+    if not is_loaded(shape.arm, shape.scene) or has_complementarity(shape.scene):
         return None
     mesh = STAGES, 1, (), True, shape.machine_code
     coarsest = Collocation(system(shape.arm, shape.scene, *mesh))

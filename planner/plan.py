@@ -154,7 +154,7 @@ def plan(
     environment = obstacles, clearance, self_clearance
     strategy = strategy_of(problem, has_obstacles=not _is_default(*environment))
     if stability_margin is None:
-        margin = strategy.default_margin(scene)
+        margin = strategy.default_margin(arm, scene)
     else:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
     problem = replace(problem, options=replace(problem.options, margin=margin))

@@ -137,7 +137,7 @@ class Problem:
             STAGES,
             self.options.refinement,
             stations,
-            is_loaded(task.scene) or bool(self.target_set.requests),
+            is_loaded(task.arm, task.scene) or bool(self.target_set.requests),
             task.machine_code,
             STEPS_PER_UNIT,
         )
@@ -267,9 +267,11 @@ class Problem:
         comes nearest to the tensions: strong loads move the arm too far for Newton's method. The
         guess is the straight arm if the tensions collapse a cross-section.
         """
-        strong = is_loaded(self.scene) and not has_unique_equilibrium(self.arm, self.scene)
+        strong = is_loaded(self.arm, self.scene) and not has_unique_equilibrium(
+            self.arm, self.scene
+        )
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            if strong or (settled and is_loaded(self.scene)):
+            if strong or (settled and is_loaded(self.arm, self.scene)):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
                     point = self.forward.solve_towards(tensions)
                     limits = self.limits.lower, self.limits.upper
@@ -326,7 +328,7 @@ class Problem:
 
         Without loads every equilibrium is stable.
         """
-        return not is_loaded(self.scene) or is_stable(self.linearised(x), margin)
+        return not is_loaded(self.arm, self.scene) or is_stable(self.linearised(x), margin)
 
 
 def _not_empty(blocks: Sequence[Block], places: Sequence[slice]) -> list[tuple[Block, slice]]:

@@ -9,24 +9,28 @@ force on the tip and D its directions. The products are assembled from linearise
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.law import CrossSection, size
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import Term
 from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.nodes import POSE
-from octoplan.model.rod.tendons import tendon_length
 from octoplan.model.shape import Shape
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.tendons import least_compliance
 from octoplan.planner.block import Block
-from octoplan.planner.blocks import equilibrium_parameters, equilibrium_scales, product
+from octoplan.planner.blocks import (
+    equilibrium_parameters,
+    equilibrium_scales,
+    length_parameters,
+    product,
+)
 from octoplan.planner.linearised_kernel import linearised
 from octoplan.planner.targets.base import ComplianceRequest
 from octoplan.planner.targets.target_set import tip_compliance
@@ -89,11 +93,10 @@ class Responses(Block):
         load = np.array([[n]])
         terms.append(Term(cached(product), unknown + load, row + load))
         if self.request.hold == "length":
-            (lengths,) = layout.lengths.terms
-            changes = unknown + lengths.unknowns, unknown + lengths.rows
-            unknowns = np.vstack([rod[lengths.unknowns], *changes, rod[lengths.rows]])
-            kernel = cached(_locked_tendon, layout.structure.law)
-            terms.append(Term(kernel, unknowns, row + lengths.rows))
+            for lengths in layout.lengths.terms:
+                changes = unknown + lengths.unknowns, unknown + lengths.rows
+                unknowns = np.vstack([rod[lengths.unknowns], *changes, rod[lengths.rows]])
+                terms.append(Term(_locked(lengths.kernel), unknowns, row + lengths.rows))
         tensions = np.arange(n)[None, :]
         return [*terms, Term(cached(product), unknown + tensions, row + tensions)]
 
@@ -109,9 +112,10 @@ class Responses(Block):
             columns.append(np.ones((1, 1)))
             factor = 1.0
             if self.request.hold == "length":
-                lengths, EA = rod.length_p.reshape(-1, 5).T, self.request.tendon_EA
-                compliance = np.full((1, lengths.shape[1]), 0.0 if EA is None else 1 / EA)
-                columns.append(np.vstack([lengths, compliance]))
+                EA = self.request.tendon_EA
+                for lengths in length_parameters(rod):
+                    compliance = np.full((1, lengths.shape[1]), 0.0 if EA is None else 1 / EA)
+                    columns.append(np.vstack([lengths, compliance]))
                 factor = -least_compliance(rod.arm)
             columns.append(np.full((1, self.layout.n_tendons), factor))
         return columns
@@ -146,17 +150,18 @@ class Responses(Block):
         return np.full(self.n_measured, arm.length / arm.bending_force)
 
 
-def _locked_tendon(law: CrossSection) -> Kernel:
+@cache
+def _locked(kernel: Kernel) -> Kernel:
     """Return the kernel of a locked tendon: change of its path minus change of its own length.
 
-    Unknowns: strains, their changes, change of the tension, tension. Parameters: path and weight,
-    1 / EA of the tendon. Under the tension, the tendon is as long as the path.
+    Unknowns: those of the kernel of a length, their changes, change of the tension, tension.
+    Parameters: those of the kernel, 1 / EA of the tendon. Under the tension, the tendon is as long
+    as the path.
     """
-    kernel = cached(tendon_length, law)
-    change = ca.SX.sym("change", size(law))
+    change = ca.SX.sym("change", kernel.y.numel())
     tension_change, tension = ca.SX.sym("tension_change"), ca.SX.sym("tension")
     compliance = ca.SX.sym("compliance")
     stretch = kernel.r * compliance / (1 + compliance * tension)
     r = ca.jtimes(kernel.r, kernel.y, change) - stretch * tension_change
     y = ca.vertcat(kernel.y, change, tension_change, tension)
-    return Kernel("locked", y, kernel.parameters | {"compliance": compliance}, r)
+    return Kernel(f"locked_{kernel.name}", y, kernel.parameters | {"compliance": compliance}, r)

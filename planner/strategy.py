@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
 from octoplan.model.loads import is_loaded
 from octoplan.model.scene import Scene
@@ -34,9 +35,9 @@ class Strategy:
     Strategies have no state.
     """
 
-    def default_margin(self, scene: Scene) -> float:
-        """Return the stability margin of a scene if none is given."""
-        return BRINK if is_loaded(scene) else 0.0
+    def default_margin(self, arm: Arm, scene: Scene) -> float:
+        """Return the stability margin of an arm in a scene if none is given."""
+        return BRINK if is_loaded(arm, scene) else 0.0
 
     def prepared(
         self, problem: PlanningProblem, obstacles: Any, clearance: Any, self_clearance: Any

@@ -200,7 +200,7 @@ def _solve_from_random(
 
 def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
     """Return a plan's effort relative to the least effort of random starts, on the coarse mesh."""
-    heavy = is_loaded(scene) or scene.has(ExactTendons)
+    heavy = is_loaded(result.arm, scene) or scene.has(ExactTendons)
     if heavy or not count or result.mode != "exact":
         return 0.0
     options = NlpOptions(norm=result.problem.options.norm)

@@ -25,7 +25,7 @@ def reference_shape(arm: Arm, tensions: Array, scene: Scene, accuracy: float) ->
     Use collocation on a fine mesh if the scene has no loads.
     """
     shape = settle(arm, tensions, scene, accuracy)
-    if is_loaded(scene) or scene.has(PrintedStatics):
+    if is_loaded(arm, scene) or scene.has(PrintedStatics):
         return shape
     point = collocation_map(arm, scene, _FINE).solve(shape.tensions)
     return replace(shape, equilibrium=point, refinement=_FINE)

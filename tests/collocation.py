@@ -20,6 +20,6 @@ def collocated(
     three stages.
     """
     T = arm.flat(tensions)
-    equations = system(arm, scene, stages, refinement, (), is_loaded(scene))
+    equations = system(arm, scene, stages, refinement, (), is_loaded(arm, scene))
     point = Collocation(equations).solve(T)
     return replace(settle(arm, T, scene, 1e-2), equilibrium=point, refinement=refinement)

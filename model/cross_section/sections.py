@@ -56,6 +56,9 @@ class Balance(NamedTuple):
 class Sections:
     """Cross-sections at s (N,), crossed by the tendons of `active` (N,) anchorages.
 
+    Tendons that run straight between guides load the guides alone; they are no crossings. Strains
+    without loads assume that all tendons are guided continuously.
+
     Attributes
     ----------
     place : (P,)
@@ -87,7 +90,8 @@ class Sections:
         self._arm = arm
         self._scene = scene
         self.stations = stations(arm, s, active)
-        self.place, self.tendon = np.nonzero(crossing(arm, self.stations))
+        is_continuous = np.array([guides is None for guides in arm.guides])
+        self.place, self.tendon = np.nonzero(crossing(arm, self.stations) * is_continuous)
         self.body = body_numbers(arm, scene, self.stations)
         self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
 

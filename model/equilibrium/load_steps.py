@@ -61,7 +61,7 @@ class Collocation:
     def __init__(self, system: DiscreteRod) -> None:
         self.system = system
         self.mesh = system.mesh
-        self._loaded = is_loaded(system.scene)
+        self._loaded = is_loaded(system.arm, system.scene)
 
     def solve(
         self, tensions: Array, near: AnyEquilibrium | None = None, tolerance_factor: float = 1.0

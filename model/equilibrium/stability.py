@@ -59,17 +59,18 @@ def is_stable(point: Equilibrium, margin: float = 0.0) -> bool:
 def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     """Return whether equilibria of one system are stable at constant contacts; False for None.
 
-    Without node variables, elements are eliminated from tip to base. P_k is the stiffness of the
-    part beyond node k against a rotation of the node: 0 at the tip under dead loads. S_k is the
-    stiffness of the strains of element k: body, tendons and P_{k+1}. The Hessian is positive
-    definite if and only if all S_k are. Source: inertia is additive (Haynsworth, Linear Algebra and
-    its Applications 1, 1968).
+    Without node variables and couplings of nodes, elements are eliminated from tip to base. P_k is
+    the stiffness of the part beyond node k against a rotation of the node: 0 at the tip under dead
+    loads. S_k is the stiffness of the strains of element k: body, tendons and P_{k+1}. The Hessian
+    is positive definite if and only if all S_k are. Source: inertia is additive (Haynsworth, Linear
+    Algebra and its Applications 1, 1968).
     """
     stable = np.array([each is not None for each in candidates], dtype=bool)
     points = [each for each in candidates if each is not None]
     if not points:
         return stable
-    if any(group.n_variables for group in points[0].system.layout.node_groups):
+    groups = points[0].system.layout.node_groups
+    if any(group.n_variables or group.structure.term.couples_nodes for group in groups):
         stable[stable] = [p.factor is not None and unstable_mode(p) is None for p in points]
         return stable
     stable[stable] = _definite(*_assemble(points))
@@ -195,7 +196,7 @@ def stability(point: Equilibrium) -> float:
     least real part. Then only the sign may be certain: without NeoHookean the eigenvalues amplify
     rounding by 1e13. Return 0 if the equations are singular.
     """
-    if not is_loaded(point.system.scene):
+    if not is_loaded(point.system.arm, point.system.scene):
         # Each cross-section has its own Hessian, because no wrench couples the cross-sections.
         sections = point.system.sections
         v = point.states[point.system.layout.stages]

@@ -52,7 +52,7 @@ def critical_load_factor(
         For a scene without loads, and as settle does.
     """
     scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
-    if not is_loaded(scene):
+    if not is_loaded(arm, scene):
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
 

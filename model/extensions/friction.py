@@ -71,6 +71,9 @@ class Friction(Effect):
         if isinstance(self.direction, tuple) and len(self.direction) != arm.n_tendons:
             allowed = f"one number, or one for each of {arm.n_tendons} tendons"
             raise InputError("Friction.direction", self.direction, allowed)
+        if arm.is_guided:
+            allowed = "None, continuous guides, in a scene with Friction"
+            raise InputError("Anchorage.guides", "tendons that run straight", allowed)
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
         """Return the friction of all tendons."""

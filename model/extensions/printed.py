@@ -84,6 +84,12 @@ class PrintedStatics(Effect):
         if arm.is_curved:
             allowed = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
             raise InputError("Arm.rest_curvature", arm.rest_curvature, allowed)
+        if any(arm.angle_paths):
+            allowed = "tendons at constant angles: eqs. (10) and (11) are written for these"
+            raise InputError("Anchorage.turn", "tendons that turn", allowed)
+        if arm.is_guided:
+            allowed = "None, continuous guides, for the statics as printed"
+            raise InputError("Anchorage.guides", "tendons that run straight", allowed)
 
     def check_planned(self) -> None:
         """See Effect."""

@@ -16,7 +16,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.energy import RubberSection
 from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, kinematics
-from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
+from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths, rod_terms
 from octoplan.model.mesh import Mesh, graded, kinks
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
@@ -76,7 +76,7 @@ class DiscreteRod:
         self.scene = scene
         self.mesh = mesh
         self.loaded = loaded
-        self.terms = scene.rod_terms if terms is None else terms
+        self.terms = rod_terms(arm, scene) if terms is None else terms
         structure = RodStructure(
             law=cross_section_of(scene, arm.is_curved, twisted=loaded),
             stages=stages,
@@ -86,7 +86,10 @@ class DiscreteRod:
             machine_code=machine_code,
         )
         anchorages = [mesh.node(section.at) for section in arm.sections]
-        ends = tuple(anchorages[i] for i, _ in arm.tendons)
+        ends = tuple(
+            anchorages[i] if guides is None else 0
+            for (i, _), guides in zip(arm.tendons, arm.guides, strict=True)
+        )
         groups, self.node_terms = group_node_terms(self.terms, mesh)
         self.layout = layout(structure, ends, mesh.steps, groups, kinks(arm, mesh))
         self.s, weights, active = mesh.points(stages)
@@ -97,8 +100,11 @@ class DiscreteRod:
             arm, scene, mesh, self.layout, self.sections, self.terms, self.node_terms
         )
         self.p = self.layout.equations.vector(values)
-        lengths = {"path": self.sections.paths, "weight": weights[None, self.sections.place]}
-        self.length_p = self.layout.lengths.vector({"tendon_length": lengths})
+        length_path = {"path": self.sections.paths, "weight": weights[None, self.sections.place]}
+        length_values: ParameterValues = {"tendon_length": length_path}
+        for term in self.terms:
+            length_values |= term.length_values(arm, mesh)
+        self.length_p = self.layout.lengths.vector(length_values)
 
     def __reduce__(self) -> tuple[Any, ...]:
         structure = self.layout.structure
@@ -324,7 +330,7 @@ def system(
     Without `loaded`, forces and moments are left out. With `machine_code`, the kernels are
     compiled. See octoplan.model.mesh.graded for `steps_per_unit`.
     """
-    rate = partial(growth_rate, arm, scene) if is_loaded(scene) else None
+    rate = partial(growth_rate, arm, scene) if is_loaded(arm, scene) else None
     nodes = *at, *required_arc_lengths(arm, scene)
     mesh = graded(arm, refinement, nodes, rate, steps_per_unit=steps_per_unit)
     return DiscreteRod(arm, scene, mesh, stages, loaded, machine_code)

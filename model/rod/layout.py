@@ -24,7 +24,7 @@ from octoplan.model.rod.element import element
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.nodes import POSE, clamp, node, node_kernel_name, tip, zero
-from octoplan.model.rod.rod_term import RodPlaces
+from octoplan.model.rod.rod_term import RodPlaces, RodTerm
 from octoplan.model.rod.structure import NodeGroup, RodStructure
 from octoplan.model.rod.tendons import (
     body,
@@ -46,7 +46,8 @@ class Layout:
     ----------
     structure : RodStructure
     ends : (n_tendons,)
-        The node at which each tendon ends; the base is node 0.
+        The node up to which each tendon is guided continuously; the base is node 0, the end of all
+        tendons that run straight between guides.
     elements : int
         N.
     node_groups : tuple of NodeGroup
@@ -122,11 +123,11 @@ class Layout:
         self.crossings = _pairs(stage_elements[:, None] < np.array(ends))
         stage, tendon_index = self.crossings
         crossed = self.n_before_states + self.stages[stage].T
-        term_of_lengths = Term(cached(tendon_length, structure.law), crossed, tendon_index[None, :])
-        self.lengths = Equations(
-            self.n_x, self.n_tendons, [term_of_lengths], structure.machine_code
-        )
-        jumps = {end for end in ends if end < elements} | {*kink_nodes}
+        of_lengths = [Term(cached(tendon_length, structure.law), crossed, tendon_index[None, :])]
+        for term, places in self._node_terms():
+            of_lengths += term.length_kernels(places)
+        self.lengths = Equations(self.n_x, self.n_tendons, of_lengths, structure.machine_code)
+        jumps = {end for end in ends if 0 < end < elements} | {*kink_nodes}
         nodes = np.array(sorted(jumps), dtype=np.int64)
         k, j = _pairs(nodes[:, None] < np.array(ends))
         self.kinks: tuple[Places, Places] = (nodes[k] - 1, j)
@@ -191,10 +192,7 @@ class Layout:
         couples = self.structure.couples_stages
         tendons = self._tendons_in_elements() if couples else self._tendons()
         loads = [
-            placed
-            for group, members in zip(self.node_groups, self.node_variables, strict=True)
-            for variables in members
-            for placed in group.structure.term.element_kernels(self._places(variables))
+            placed for term, places in self._node_terms() for placed in term.element_kernels(places)
         ]
         return [bodies, tendons, *loads]
 
@@ -216,10 +214,18 @@ class Layout:
         wrench = self._node_states[-1:, POSE:].T
         return [Term(cached(tip, self.structure), self.n_before_states + wrench, wrench)]
 
-    def _places(self, variables: Places) -> RodPlaces:
-        """Return the places for a term's own kernels, by the places of its node variables."""
+    def _node_terms(self) -> list[tuple[RodTerm, RodPlaces]]:
+        """Return the terms that act at nodes, with the places for their own kernels."""
+        return [
+            (group.structure.term, self._places(variables, nodes))
+            for group, members in zip(self.node_groups, self.node_variables, strict=True)
+            for variables, nodes in zip(members, group.nodes, strict=True)
+        ]
+
+    def _places(self, variables: Places, acting: tuple[int, ...]) -> RodPlaces:
+        """Return the places for a term's own kernels, by its node variables and its nodes."""
         return RodPlaces(
-            self.structure, self.n_before_states, self._node_states, self.inside, variables
+            self.structure, self.n_before_states, self._node_states, self.inside, variables, acting
         )
 
     def _zero(self, places: Places) -> Term:
@@ -238,8 +244,8 @@ class Layout:
             here = np.vstack([places[list(each)] for places, each in pairs]).T
             own_kernels = [
                 placed
-                for places in variables
-                for placed in group.structure.term.node_kernels(self._places(places))
+                for places, acting in zip(variables, group.nodes, strict=True)
+                for placed in group.structure.term.node_kernels(self._places(places, acting))
             ]
             terms += own_kernels
             if nodes and not own_kernels:

@@ -193,6 +193,8 @@ class RodPlaces(NamedTuple):
         Stage variables of the elements.
     variables : (N + 1, n_node_variables)
         Node variables of the term.
+    acting : tuple of int
+        The nodes at which the term acts, see RodTerm.nodes.
     """
 
     structure: KernelStructure
@@ -200,6 +202,7 @@ class RodPlaces(NamedTuple):
     nodes: Places
     inside: Places
     variables: Places
+    acting: tuple[int, ...]
 
 
 class RodTerm:
@@ -213,6 +216,9 @@ class RodTerm:
     depends_on_shape : bool
         Whether the term has a `load_per_length` or a `node_force`. The force is then a state of
         the nodes. A term that overrides one of them without this attribute is rejected.
+    couples_nodes : bool
+        Whether the term has kernels that couple wrenches of nodes to poses of other nodes, or to
+        positions. The stability test then uses the whole Jacobian instead of element blocks.
     n_tendon_states : int
         Number of states of each tendon at each node.
     uniform_parameters, section_parameters, tendon_parameters, node_parameters : dict of int
@@ -223,6 +229,7 @@ class RodTerm:
 
     couples_sections: bool = False
     depends_on_shape: bool = False
+    couples_nodes: bool = False
     n_tendon_states: int = 0
     uniform_parameters: ClassVar[Sizes] = {}
     section_parameters: ClassVar[Sizes] = {}
@@ -400,6 +407,17 @@ class RodTerm:
     def element_kernels(self, places: RodPlaces) -> list[Term]:
         """Return placed kernels of the elements, in addition to the kernels of the rod."""
         return []
+
+    def length_kernels(self, places: RodPlaces) -> list[Term]:
+        """Return placed kernels of tendon lengths [m]; the rows are indices of tendons.
+
+        The rod integrates the lengths of all tendons without guides itself.
+        """
+        return []
+
+    def length_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
+        """Return the parameter values of `length_kernels`."""
+        return {}
 
     def kernel_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the parameter values of the kernels of the term."""

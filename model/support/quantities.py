@@ -36,6 +36,7 @@ SUCH[Sign] = "1 (pulling in) or -1 (paying out)"
 
 Length = Annotated[Positive, unit("mm")]
 ArcLength = Annotated[NotNegative, unit("mm")]
+Guides = Annotated[tuple[ArcLength, ...], Meta(max_length=1000)]
 Place = Annotated[Vector, unit("mm")]
 Sizes = Annotated[tuple[Positive, ...], unit("mm", min_length=3, max_length=3)]
 # Descriptions of functions of arc length in files.

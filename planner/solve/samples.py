@@ -105,7 +105,7 @@ class Samples:
         The list is empty unless loads act before tensions: other samples are not on load paths from
         rest.
         """
-        if not (self.points and is_loaded(self.task.scene)):
+        if not (self.points and is_loaded(self.task.arm, self.task.scene)):
             return []
         if not Problem(self.task, self.task.coarse("nearest")).forward.loads_first:
             return []
@@ -139,7 +139,7 @@ def _finer(task: PlanningProblem, points: Sequence[object]) -> PlanningProblem:
         problem = Problem(on_finer, on_finer.coarse("nearest"))
         tensions = np.array([point.tensions for point in settled])
         # Loaded arms settle sooner from the shapes on the last mesh.
-        ends = [*_points(problem, tensions, settled if is_loaded(task.scene) else ())]
+        ends = [*_points(problem, tensions, settled if is_loaded(task.arm, task.scene) else ())]
         pairs = [
             (point, end)
             for point, end in zip(settled, ends, strict=True)
@@ -173,7 +173,7 @@ def _settled(task: PlanningProblem) -> Samples:
 
 def _equilibria(problem: Problem) -> tuple[list[Equilibrium], int]:
     """Return the sampled equilibria, and the number of shapes that were tried."""
-    loaded = is_loaded(problem.scene)
+    loaded = is_loaded(problem.arm, problem.scene)
     if loaded and problem.forward.loads_first:
         points = problem.forward.solve_along(spread(problem.task, _LINES))
         return points, len(points)

@@ -81,7 +81,7 @@ class Search:
         self.blocks = constraints.blocks(task.arm) if constraints else ()
         self.stage = RelaxationStage(task, "exact", blocks=self.blocks)
         self.samples: Samples | None = None
-        self._source = initial_guesses(task, is_loaded(task.scene))
+        self._source = initial_guesses(task, is_loaded(task.arm, task.scene))
 
     def run(self) -> Solution:
         """Return the best solution, or the best so far if the time limit is reached."""
@@ -264,7 +264,9 @@ class Search:
         yield from before[:1]
         targets = self.task.target_set
         if n_tried > 1 and targets.conditions > POINT and not targets.terms.names[2]:
-            again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
+            again = initial_guesses(
+                self.task, is_loaded(self.task.arm, self.task.scene), missed=True
+            )
         yield from islice(again, max(self.task.max_guesses - n_tried - n_sampled, 0))
         yield from before[1:]
 

@@ -80,6 +80,10 @@ class Contact(Effect):
         """See Effect."""
         return (_SLIDING,)
 
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect."""
+        check_continuous_guides(arm)
+
     def rod_term(self, scene: EffectSet) -> RodTerm | None:
         """Return the term of all contacts of a scene, from the first of them."""
         all_contacts = [effect for effect in scene.effects if isinstance(effect, Contact)]
@@ -154,6 +158,13 @@ class SelfContact(Effect):
         from octoplan.model.extensions.contact.self_contact import settle_with_self_contact
 
         return settle_with_self_contact(problem)
+
+
+def check_continuous_guides(arm: Arm) -> None:
+    """Raise InputError for tendons that run straight between guides."""
+    if arm.is_guided:
+        allowed = "None, continuous guides, in a scene with contact"
+        raise InputError("Anchorage.guides", "tendons that run straight", allowed)
 
 
 def contacts(scene: Scene) -> tuple[Contact, ...]:

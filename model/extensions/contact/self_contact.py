@@ -142,7 +142,7 @@ def settle_with_self_contact(problem: SettlingProblem) -> Shape:
             return forward.solve(T, near, tolerance_factor)
 
         maps = forward_maps(arm, scene, problem.machine_code)
-        is_branch = near is not None and is_loaded(scene) and is_loaded(near.scene)
+        is_branch = near is not None and is_loaded(arm, scene) and is_loaded(near.arm, near.scene)
         begin = near.equilibrium if near is not None and is_branch else None
         return settle_on_meshes(maps, on_mesh, accuracy, begin)
 

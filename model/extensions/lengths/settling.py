@@ -48,6 +48,9 @@ def _checked_winches(problem: SettlingProblem) -> Winches:
     if is_path_dependent(problem.scene):
         allowed = "tensions in a scene whose contacts have friction"
         raise InputError("lengths", "given with friction of contacts", allowed)
+    if problem.arm.is_guided:
+        allowed = "tensions of an arm whose tendons run straight between guides"
+        raise InputError("lengths", "given with Anchorage.guides", allowed)
     winches = Winches.of(
         problem.arm,
         problem.tensions,

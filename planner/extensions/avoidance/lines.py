@@ -48,7 +48,7 @@ class Lines:
         if scene.has(PrintedStatics):
             allowed = "a scene whose statics are consistent: motions as printed are not cleared"
             raise InputError("scene", "written as printed", allowed)
-        self.arm, self.scene, self.loaded = arm, scene, is_loaded(scene)
+        self.arm, self.scene, self.loaded = arm, scene, is_loaded(arm, scene)
         self._machine_code = machine_code
         self._forward: Any = (
             Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from octoplan.model.arm import Arm
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.obstacles import check_obstacles
 from octoplan.model.scene import Scene
@@ -37,9 +38,9 @@ CONTACT_SHARE = 0.25
 class ContactStrategy(AvoidanceStrategy):
     """Plan an arm that lies along obstacles, leans on obstacles or holds objects."""
 
-    def default_margin(self, scene: Scene) -> float:
+    def default_margin(self, arm: Arm, scene: Scene) -> float:
         """See Strategy.default_margin: 0 if contacts have friction."""
-        return 0.0 if rubs(scene) else super().default_margin(scene)
+        return 0.0 if rubs(scene) else super().default_margin(arm, scene)
 
     def prepared(
         self, problem: PlanningProblem, obstacles: Any, clearance: Any, self_clearance: Any

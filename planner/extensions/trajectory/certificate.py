@@ -211,7 +211,7 @@ def _checked(
         return result
     report("verifying between waypoints")
     lines = question.lines()
-    loaded = is_loaded(question.scene)
+    loaded = is_loaded(question.arm, question.scene)
     if loaded or question.limits.strokes is not None:
         slack, _, jumps = strokes_between(question, lines, way)
         result = replace(result, strokes=max(0.0, -float(slack.min())), jumps=jumps)

@@ -66,7 +66,11 @@ class Waypoints:
         self.waypoints = list(waypoints)
         planned = self.options
         stable = self.options.replace(modes=1)
-        more = (stable, stable.replace(margin=0.0)) if is_loaded(self.question.scene) else ()
+        more = (
+            (stable, stable.replace(margin=0.0))
+            if is_loaded(self.question.arm, self.question.scene)
+            else ()
+        )
         for options in dict.fromkeys((planned, *more)):
             found = self._optimum(options)
             if found is not None:

@@ -62,6 +62,10 @@ def tendon_sites(shape: Shape, chain: Chain) -> list[list[TendonSite]]:
     paths = list[list[TendonSite]]()
     for j, end in enumerate(ends.tolist()):
         name = arm.tendon_name(j)
+        guides = arm.guides[j]
+        if guides is not None:
+            paths.append(_guide_sites(shape, chain, j, guides))
+            continue
         last = bodies.body_at(end)
         places = [np.append(0.0, at_nodes[j, i]) for i in range(last + 1)]
         path = [TendonSite(f"{name}_{i}", i or -1, place) for i, place in enumerate(places)]
@@ -70,6 +74,21 @@ def tendon_sites(shape: Shape, chain: Chain) -> list[list[TendonSite]]:
             path.append(TendonSite(f"{name}_{last + 1}", last, bodies.local(last, point)))
         paths.append(path)
     return paths
+
+
+def _guide_sites(
+    shape: Shape, chain: Chain, tendon: int, guides: tuple[float, ...]
+) -> list[TendonSite]:
+    """Return the path of a tendon that runs straight between guides."""
+    s = np.array(guides)
+    across = offsets(shape.arm, s)[tendon]
+    points = shape.position(s) + (shape.frame(s)[:, :, 1:] @ across[:, :, None])[:, :, 0]
+    name = shape.arm.tendon_name(tendon)
+    path = [TendonSite(f"{name}_0", -1, np.append(0.0, across[0]))]
+    for i, (place, point) in enumerate(zip(guides[1:], points[1:], strict=True), 1):
+        body = chain.bodies.body_at(place)
+        path.append(TendonSite(f"{name}_{i}", body or -1, chain.bodies.local(body, point)))
+    return path
 
 
 def _settled_offsets(shape: Shape, s: Array) -> Array:

@@ -67,17 +67,24 @@ def rings(poses: Array, radius: Array, around: int) -> Array:
 def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
     """Return the tendons (N_j, 3) [m], u + y d of eqs. (5), (6), for poses of the midline.
 
-    Points are at those arc lengths of `s` (along,) [m] that are not beyond the anchorage.
+    Points are at those arc lengths of `s` (along,) [m] that are not beyond the anchorage. Guides
+    must be among `s`; see `along`.
     """
     across = matrices(poses[:, :4])[:, :, 1:]
     lines = poses[:, 4:] + np.einsum("nij,tnj->tni", across, offsets(arm, s))
+    for line, guides in zip(lines, arm.guides, strict=True):
+        if guides is not None:
+            points = line[np.searchsorted(s, guides)]
+            line[:] = np.column_stack([np.interp(s, guides, x) for x in points.T])
     ends = [arm.sections[i].at for i, _ in arm.tendons]
     return [line[s <= end] for line, end in zip(lines, ends, strict=True)]
 
 
 def along(arm: Arm, count: int) -> Array:
-    """Return evenly spaced arc lengths [m] from base to tip, with the anchorages added."""
-    return np.union1d(np.linspace(0.0, arm.length, count), [section.at for section in arm.sections])
+    """Return evenly spaced arc lengths [m] from base to tip, with anchorages and guides added."""
+    added = [section.at for section in arm.sections]
+    added += [s for guides in arm.guides if guides is not None for s in guides]
+    return np.union1d(np.linspace(0.0, arm.length, count), added)
 
 
 def sketched_poses(shape: Shape, s: Array) -> Array:

@@ -206,11 +206,12 @@ def _check_free(folder: Path, name: str) -> None:
 
 def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy: float) -> Scene:
     scene = checked_scene(arm, scene)
-    if is_loaded(scene):
+    if is_loaded(arm, scene):
         raise InputError(
             "scene",
             scene,
-            "a scene without loads, shear and friction, which have no explicit map to export",
+            "a scene without loads, shear and friction, for tendons that neither turn nor run "
+            "straight between guides: the others have no explicit map to export",
         )
     literal("precision", precision, Precision)
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in TAKEN:

@@ -268,7 +268,7 @@ def _under_loads(shape: Shape) -> Equilibrium | None:
 
     Shapes in contact need meshes that depend on the contact.
     """
-    is_fixed = is_loaded(shape.scene) and not has_complementarity(shape.scene)
+    is_fixed = is_loaded(shape.arm, shape.scene) and not has_complementarity(shape.scene)
     return shape.known if is_fixed else None
 
 

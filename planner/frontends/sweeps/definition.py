@@ -172,7 +172,11 @@ def _sweep(
         _check_compute(question, file.sweep.compute)
     axes = _axes(file.sweep, scene, scene_name, name)
     by_lengths = "lengths" in question.options
-    closed = file.sweep.compute == "settle" and not is_loaded(question.scene) and not by_lengths
+    closed = (
+        file.sweep.compute == "settle"
+        and not is_loaded(question.arm, question.scene)
+        and not by_lengths
+    )
     together = closed and all(axis.key.startswith("tensions") for axis in axes)
     tendons = tuple(question.arm.tendon_names)
     keys = tuple(axis.key for axis in axes)

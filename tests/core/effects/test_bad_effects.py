@@ -207,7 +207,11 @@ ARMS: Refused = {
         "Arm.sections[0].offset",
         "",
     ),
-    "turns without loads": (lambda: settle(TURNING, [1.0, 0.0], PAPER), "", "without loads"),
+    "turns as printed": (
+        lambda: settle(TURNING, [1.0, 0.0], Scene.as_printed()),
+        "Anchorage.turn",
+        "constant angles",
+    ),
     "an ablation to nothing": (lambda: switch_effects(ARM, BENT, PAPER, 0.0), "accuracy", ""),
     "an ablation of two": (lambda: switch_effects(ARM, [1.0, 2.0], PAPER), "tensions", ""),
 }

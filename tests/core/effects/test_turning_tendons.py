@@ -17,11 +17,14 @@ from octoplan.model import (
     Scene,
     settle,
     settle_many,
+    tip_jacobian,
 )
 from octoplan.model.effects import Effect, ExactTendons, Extension, TipLoad, Weight
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.stations import stations, tendon_paths
 from octoplan.model.tendons import rest_lengths
+from octoplan.planner.plan import plan
+from octoplan.planner.targets import TipPosition
 
 L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
 ANGLE, TURN = 0.4, 1.1
@@ -76,6 +79,52 @@ def test_a_helical_tendon_bends_and_twists_as_its_balance_says(T: float) -> None
     shape = settle(_arm(), [T, 0.0], EXACT, accuracy=1e-9)
     assert np.allclose(shape.tip, _tip_of_helix(T), atol=1e-8 * L)
     assert abs(shape.strain(L / 2)[0]) > 0.01
+
+
+@pytest.mark.parametrize(
+    "effects", [(Extension(),), (ExactTendons(),), (Extension(), ExactTendons())]
+)
+def test_helical_tendons_need_no_load(effects: tuple[Effect, ...]) -> None:
+    scene = Scene(*effects)
+    negligible = TipLoad((1e-11, 0.0, 0.0))
+    T = [1.5, 0.4]
+    free = settle(_arm(), T, scene, accuracy=1e-9)
+    loaded = settle(_arm(), T, Scene(*effects, negligible), accuracy=1e-9)
+    assert np.allclose(free.tip, loaded.tip, rtol=0, atol=2e-9 * L)
+    assert np.allclose(free.tendon_lengths, loaded.tendon_lengths, rtol=0, atol=2e-9 * L)
+    many = settle_many(_arm(), [T, [0.2, 1.0]], scene, accuracy=1e-7)
+    assert np.allclose(many.tip[0], free.tip, rtol=0, atol=1e-7 * L)
+
+
+@pytest.mark.parametrize("T", [0.3, 4.0])
+def test_unloaded_helix_follows_an_independent_balance(T: float) -> None:
+    scene = Scene(Extension(), ExactTendons())
+    shape = settle(_arm(), [T, 0.0], scene, accuracy=1e-9)
+    assert np.allclose(shape.tip, _tip_of_helix(T), rtol=0, atol=1e-8 * L)
+    assert shape.stability == pytest.approx(1.0)
+
+
+def test_unloaded_helix_has_the_tip_jacobian_of_differences() -> None:
+    scene = Scene(Extension(), ExactTendons())
+    step = 0.02
+    ahead = _tip_of_helix(0.3 + step)
+    behind = _tip_of_helix(0.3 - step)
+    jacobian = tip_jacobian(_arm(), [0.3, 0.0], scene, accuracy=1e-8)
+    difference = (ahead - behind) / (2 * step)
+    assert np.allclose(jacobian[:3, 0], difference, rtol=0, atol=1e-3 * np.abs(difference).max())
+
+
+def test_unloaded_helix_is_planned_to_its_own_tip() -> None:
+    scene = Scene(Extension(), ExactTendons())
+    angles = (ANGLE, ANGLE + 2 * np.pi / 3, ANGLE + 4 * np.pi / 3)
+    arm = Arm(L, Linear(R, R), (Anchorage(L, Linear(Y, Y), angles, TURNING),), Material(E, NU))
+    tip = settle(arm, [0.8, 0.4, 0.0], scene, 1e-9).tip
+    found = plan(arm, TipPosition(tuple(tip)), scene, tension_max=5.0)
+    assert found.certificate.passed, found.outcome
+    again = settle(arm, found.tensions, Scene(*scene.effects, NOTHING), 1e-9)
+    assert np.allclose(again.tip, tip, rtol=0, atol=2e-6 * L)
+    # Co-contraction costs effort, so that the slack tendon stays slack.
+    assert np.allclose(found.tensions, [0.8, 0.4, 0.0], rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("turn", [1.1, 4.0])
