@@ -53,7 +53,7 @@ class Anchorage:
         Arc lengths of spacer discs between the base and the anchorage [m]: the tendons run straight
         from guide to guide, at the offsets of their paths there. Base and anchorage are guides. The
         default None assumes a continuous guide, such as a channel in the body. An empty tuple has
-        one straight span.
+        one straight span. Guides are rigid, and tendons slide through them without friction.
 
     Raises
     ------

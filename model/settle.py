@@ -43,6 +43,7 @@ from octoplan.model.support.errors import (
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import check_time, limited, timeout, with_progress
 from octoplan.model.support.units import called_by_a_script, warn
+from octoplan.model.tendons import guide_remark
 
 LOG = logging.getLogger(__name__)
 
@@ -54,6 +55,8 @@ _COARSE = 16
 BENT = "the arm bends sharper than its own radius; see `remarks` of the shape"
 # Text of the warning about stretch: constant, so that Python shows it once per line.
 STRETCHED = "the arm is stretched beyond the law of its body; see `remarks` of the shape"
+# Text of the warning about discs: constant, so that Python shows it once per line.
+FEW_DISCS = "discs may be too few for continuous guides; see `remarks` of the shape"
 # The remedy if the strains jump and even the finest mesh will be too coarse.
 SMOOTHER = (
     "its strains jump at s = {:.6g} m, where tendons have two equilibria; lower the tensions that "
@@ -172,9 +175,9 @@ def settle(
     Warns
     -----
     ShapeWarning
-        If the arm bends sharper than its own radius, or is stretched beyond the law of its body.
-        The text is the same for all shapes; `details` of the warning has the numbers, see
-        `Shape.remarks`.
+        If the arm bends sharper than its own radius, is stretched beyond the law of its body, or
+        has a hull with too few discs for continuous guides. The text is the same for all shapes;
+        `details` of the warning has the numbers, see `Shape.remarks`.
     """
     with _NO_LIMIT if time_limit is None else limited(time_limit):
         accuracy = checked_accuracy(accuracy)
@@ -192,7 +195,12 @@ def settle(
         )
         shape = _solve(problem)
     if called_by_a_script():
-        for text, details in ((BENT, sharp(shape)), (STRETCHED, stretched(shape))):
+        remarks = (
+            (BENT, sharp(shape)),
+            (STRETCHED, stretched(shape)),
+            (FEW_DISCS, guide_remark(shape.arm, shape.tensions)),
+        )
+        for text, details in remarks:
             if details:
                 warn(text, ShapeWarning, details)
     return shape

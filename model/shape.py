@@ -27,7 +27,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.checks import arc_lengths, finite_array
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.text import HtmlRepr, plotted, shape_text, tendon_table
-from octoplan.model.tendons import is_taut, rest_lengths
+from octoplan.model.tendons import guide_remark, is_taut, rest_lengths
 
 if TYPE_CHECKING:
     from octoplan.model.centreline import Centreline
@@ -171,7 +171,8 @@ class Shape(HtmlRepr):
         """The reasons not to trust the shape, one sentence each.
 
         Reasons are: the arm passes through itself, bends sharper than its own radius, is stretched
-        beyond the law of the body, or a tendon has no length left. The equations do not exclude
+        beyond the law of the body, a tendon has no length left, or discs are few for
+        continuous guides. The equations do not exclude
         such states. `settle` warns of sharp bends and of stretch. With friction of contact,
         `error` ignores the length of the load steps.
         """
@@ -188,6 +189,7 @@ class Shape(HtmlRepr):
         if gap.gap < -_PENETRATION * self.arm.length:
             crosses = f"{gap}; SelfContact among the effects keeps its parts apart"
         remarks = [sharp(self), stretched(self), crosses, folded]
+        remarks.append(guide_remark(self.arm, self.tensions))
         remarks += [effect.remark(self) for effect in self.scene.effects]
         return tuple(dict.fromkeys(filter(None, remarks)))
 

@@ -225,7 +225,8 @@ def test_every_field_of_an_arm_has_a_key() -> None:
         0, 100, 125], values_mm = [8, 8, 4] } },
       { at_mm = 100, angles_deg = [0, 180], turn_deg = [[0, 90], [0, -180]], offset_mm = [
         [8, 4], { s_mm = [0, 50, 75, 100], values_mm = [8, 8, 8, 4] }] },
-      { at_mm = 75, angles_deg = [0, 180], turn_deg = [0, 90], offset_mm = [4, 4] },
+      { at_mm = 75, angles_deg = [0, 180], turn_deg = [0, 90], offset_mm = [
+        4, 4], guides_mm = [25, 50] },
     ]
     rest_curvature = { b = { s_mm = [0, 50, 125, 250], values = [0, 1, 2, 1] } }
     [effects]
@@ -247,7 +248,13 @@ def test_every_field_of_an_arm_has_a_key() -> None:
                 (0.0, np.pi),
                 (Linear(0.0, np.pi / 2), Linear(0.0, -np.pi)),
             ),
-            Anchorage(75 * mm, Linear(4 * mm, 4 * mm), (0.0, np.pi), Linear(0.0, np.pi / 2)),
+            Anchorage(
+                75 * mm,
+                Linear(4 * mm, 4 * mm),
+                (0.0, np.pi),
+                Linear(0.0, np.pi / 2),
+                (25 * mm, 50 * mm),
+            ),
         ),
         Material(125e3, 0.25, 1000.0),
         ((0, 1, 0), (0, 0, 1), (1, 0, 0)),

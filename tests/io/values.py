@@ -49,6 +49,7 @@ def _numbers(low: float, high: float) -> SearchStrategy[float]:
 
 
 _POSITIVE = _numbers(0.01, 0.3)
+_GUIDES = st.tuples(_numbers(0.02, 0.04), _numbers(0.05, 0.09))
 _VECTOR = st.tuples(*[_numbers(-0.3, 0.3)] * 3).filter(lambda v: np.linalg.norm(v) > 0.05)
 
 
@@ -143,7 +144,11 @@ def arms(draw: Callable[[SearchStrategy[Any]], Any]) -> Arm:
     turn = draw(st.none() | st.just(Linear(0.0, 0.5)) | st.just((Linear(0.0, 0.1),) * len(angles)))
     sections = (
         Anchorage(length, draw(st.sampled_from([each, each[0]])), angles, turn),
-        Anchorage(draw(_numbers(0.1, 0.2)), Linear(0.005, draw(_numbers(0.001, 0.005)))),
+        Anchorage(
+            draw(_numbers(0.1, 0.2)),
+            Linear(0.005, draw(_numbers(0.001, 0.005))),
+            guides=draw(st.none() | st.just(()) | _GUIDES),
+        ),
     )
     bent = st.just(Sampled((0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0, 1.0))) | st.just(Linear(0.1, 2.0))
     return Arm(

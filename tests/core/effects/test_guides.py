@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import casadi as ca
 import numpy as np
@@ -19,6 +21,7 @@ from octoplan.model import (
     Material,
     RestCurvature,
     Scene,
+    ShapeWarning,
     SnapError,
     settle,
     settle_many,
@@ -34,6 +37,9 @@ from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.stiffness import stiffness
 from octoplan.model.tendons import rest_lengths
+from octoplan.planner import load_plan
+from octoplan.planner.frontends.bodies.mjcf import mjcf
+from octoplan.planner.frontends.bodies.surface import along, tendon_lines
 from octoplan.planner.plan import plan
 from octoplan.planner.targets import TipPosition
 
@@ -273,6 +279,42 @@ def test_plan_with_discs_reaches_its_target_with_a_certificate() -> None:
     reached, lengths, _ = Discs(_arm(), found.tensions.ravel().tolist()).settled()
     assert np.abs(reached - tip).max() < 2e-6 * L
     assert np.allclose(found.shape.tendon_lengths, lengths, rtol=0, atol=1e-6 * L)
+
+
+def test_settle_warns_of_few_discs_in_a_hull() -> None:
+    """The ratio of total pull and Euler load, by hand."""
+    pull = 3.0
+    ratio = pull * L**2 / (np.pi**2 * E * np.pi * (8e-4) ** 4 / 4)
+    with pytest.warns(ShapeWarning, match="discs may be too few"):
+        shape = settle(_evenly(None), [pull, 0.0, 0.0], EXACT)
+    assert f"{ratio:.2g} times the Euler load" in shape.remarks[0]
+    assert not settle(_evenly(3), [pull, 0.0, 0.0], EXACT).remarks
+
+
+def test_drawn_tendons_are_straight_between_discs() -> None:
+    arm = _arm()
+    s = along(arm, 41)
+    shape = settle(arm, [6.0, 1.0, 0.0, 0.0, 3.0], EXACT)
+    lines = tendon_lines(arm, s, shape.poses(s))
+    for line, length in zip(lines, shape.tendon_lengths, strict=True):
+        drawn = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+        assert drawn == pytest.approx(length, rel=1e-9)
+
+
+def test_exported_tendons_pass_sites_at_the_discs() -> None:
+    shape = settle(_arm(), [6.0, 1.0, 0.0, 0.0, 3.0], EXACT)
+    root = ElementTree.fromstring(mjcf(shape, links=12))
+    counts = [len(tendon.findall("site")) for tendon in root.iter("spatial")]
+    assert counts == [5, 5, 5, 3, 3]
+
+
+def test_saved_plan_with_discs_is_the_same(tmp_path: Path) -> None:
+    tip = settle(_evenly(3), [2.0, 0.5, 0.0], EXACT, 1e-8).tip
+    found = plan(_evenly(3), TipPosition(tuple(tip)), EXACT, tension_max=12.0)
+    found.save(tmp_path / "plan.json")
+    again = load_plan(tmp_path / "plan.json")
+    assert again.arm == found.arm
+    assert np.array_equal(again.tensions, found.tensions)
 
 
 BAD: dict[str, tuple[Callable[[], Any], str]] = {
