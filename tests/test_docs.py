@@ -34,17 +34,13 @@ def _sphinx(builder: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_documentation_builds_without_a_warning_and_runs_its_notebook(tmp_path: Path) -> None:
+def test_documentation_builds_without_a_warning_and_its_examples_run(tmp_path: Path) -> None:
+    """Both builders use the same pages: the doctest builder does not run the notebook again."""
     pytest.importorskip("sphinx", reason="python -m pip install 'octoplan[docs]' builds it")
     _sphinx("html", tmp_path)
     keys = (tmp_path / "html" / "scene_files.html").read_text()
     assert all(key in keys for key in ("tension_max", "E_kPa", "position_mm", "rate_max"))
     assert "PASSED" in (tmp_path / "html" / "examples" / "first_plan.html").read_text()
-
-
-@pytest.mark.slow
-def test_what_the_documentation_shows_is_so(tmp_path: Path) -> None:
-    pytest.importorskip("sphinx", reason="python -m pip install 'octoplan[docs]' builds it")
     _sphinx("doctest", tmp_path)
 
 

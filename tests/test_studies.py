@@ -35,11 +35,11 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         ("lengths.png",),
     ),
     "maps": (
-        "--draws 50 --pulls 2 --points 2",
+        "--draws 20 --pulls 1 --points 1",
         "the softest direction gives",
         ("maps.png",),
     ),
-    "motion": ("--longer --waypoints 5", "least time over the lower bound 1.00", ("motion.png",)),
+    "motion": ("--longer --waypoints 3", "least time over the lower bound 1.00", ("motion.png",)),
     "planner_suite": (
         "--targets 3 --best-of 0 --jobs 1",
         "all                3   100.0%      0      100.0%",

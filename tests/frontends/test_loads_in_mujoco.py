@@ -91,6 +91,7 @@ def tip_error(data: Any, shape: Shape) -> float:
 
 
 @quiet
+@pytest.mark.quick("0", "3", "4")
 @pytest.mark.parametrize("seed", range(8))
 def test_keyframe_stays_for_six_seconds_under_loads(seed: int) -> None:
     arm, tensions, scene = random_case(seed)

@@ -13,18 +13,18 @@ from tests.core.model.cases import MOST, paper_tensions
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}
 
 
-@pytest.mark.quick("60")
-@pytest.mark.parametrize("sets", [60, 100])
+@pytest.mark.quick("25")
+@pytest.mark.parametrize("sets", [25, 100])
 def test_stated_errors_are_as_fine_as_asked_bound_the_true_ones_and_are_not_far_above(
     sets: int,
 ) -> None:
-    """Random tensions on both arms to random accuracies; the truth is the finest mesh."""
-    asked, stated, true = np.zeros((3, sets))
+    """Random tensions on both arms to several accuracies; the reference is the finest mesh."""
+    asked = np.logspace(-9, -3, sets)
+    stated, true = np.zeros((2, sets))
     for seed in range(sets):
         rng = np.random.default_rng(seed)
         name, scene = str(rng.choice(list(MOST))), SCENES[str(rng.choice(list(SCENES)))]
         arm, T = Arm.from_paper(name), paper_tensions(rng, name)
-        asked[seed] = 10 ** rng.uniform(-9, -3)
         shape = settle(arm, T, scene, float(asked[seed]))
         finest = forward_map(arm, scene, 256).solve(T).poses[-1, 4:]
         stated[seed], true[seed] = shape.error, np.linalg.norm(shape.tip - finest) / arm.length
