@@ -1,14 +1,15 @@
-"""The parts of an arm: material, curvature at rest, and the anchorages of tendons."""
+"""The parts of an arm: material, curvature at rest, cross-section, and anchorages of tendons."""
 
 from __future__ import annotations
 
 from itertools import chain, pairwise
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from msgspec import Meta
 
-from octoplan.model.paths import SAME, Linear, Path
+from octoplan.model.paths import SAME, Array, Linear, Path
+from octoplan.model.support.checks import SUCH
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import (
     Angle,
@@ -157,3 +158,64 @@ class Material:
     def G(self) -> float:
         """Shear modulus E / (2 (1 + nu)) [Pa]."""
         return self.E / (2 * (1 + self.nu))
+
+
+@value
+class Profile:
+    """The shape of the cross-sections of an arm, within the circle of the arm's radius.
+
+    `radius` (2, N) are the radius R(s) [m] of this circle and its derivative.
+    """
+
+    # Whether the neo-Hookean energy is derived for this shape.
+    has_rubber_law: ClassVar[bool] = False
+    # Whether the cross-section is of the arm's material, so that shear stiffness is k_s G A.
+    is_of_material: ClassVar[bool] = True
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The functions of arc length."""
+        return ()
+
+    def stiffness(self, material: Material, radius: Array, s: Array, span: float) -> Array:
+        """Return E A [N], E J_n, E J_b, G I [N m2] and their derivatives along s (2, 4, N)."""
+        raise NotImplementedError
+
+    def area(self, radius: Array, s: Array, span: float) -> Array:
+        """Return the area (N,) of the material [m2]."""
+        return np.asarray(np.pi * radius[0] ** 2)
+
+    def outline(self, radius: Array, s: Array, span: float, around: int) -> Array:
+        """Return points (N, around, 2) of the outline along n and b [m]."""
+        phi = 2 * np.pi * np.arange(around) / around
+        circle = np.column_stack([np.cos(phi), np.sin(phi)])
+        return np.asarray(radius[0][:, None, None] * circle)
+
+    def check(self, radius: Array, s: Array, span: float) -> None:
+        """Raise InputError if the shape is not within the circle, or degenerate."""
+
+    def check_tendon(self, offset: Array, s: Array, span: float) -> None:
+        """Raise InputError if a tendon at offsets (2, N) along n and b [m] is outside."""
+
+
+SUCH[Profile] = "a Tube, a Rectangle or a SectionStiffness"
+
+
+@value
+class Solid(Profile):
+    """The solid circle, eq. (7)."""
+
+    has_rubber_law: ClassVar[bool] = True
+
+    def stiffness(self, material: Material, radius: Array, s: Array, span: float) -> Array:
+        """See Profile.stiffness."""
+        return annulus(material, radius, np.zeros_like(radius))
+
+
+def annulus(material: Material, outer: Array, inner: Array) -> Array:
+    """Return the stiffness (2, 4, N) of an annulus; radii (2, N) with derivatives."""
+    (R, dR), (r, dr) = outer, inner
+    A = np.array([np.pi * (R**2 - r**2), 2 * np.pi * (R * dR - r * dr)])
+    J = np.array([np.pi * (R**4 - r**4) / 4, np.pi * (R**3 * dR - r**3 * dr)])
+    EJ = material.E * J
+    return np.stack([material.E * A, EJ, EJ, 2 * material.G * J], axis=1)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from octoplan.model.anchorage import Anchorage, Material, RestCurvature
+from octoplan.model.anchorage import Anchorage, Material, Profile, RestCurvature, Solid
 from octoplan.model.paths import Array, Linear, Path
 from octoplan.model.support.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
 from octoplan.model.support.errors import InputError
@@ -52,6 +52,10 @@ PAPER_ARMS: dict[str, tuple[float, tuple[float, float], list[Row]]] = {
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
+# The default shape of cross-sections.
+SOLID = Solid()
+
+
 def _evaluated(field: str, path: Path, s: Array, span: float) -> Array:
     """Return the values of a path of an arm (n,); raise InputError with the name of the field."""
     try:
@@ -69,7 +73,8 @@ class Arm(HtmlRepr):
     length : float
         L [m].
     radius : Path
-        Radius R(s) of the round body on [0, L] [m]; eq. (7) is `Linear(R_max, R_min)`.
+        Radius R(s) of the round body, or of a circle around another body, on [0, L] [m]; eq. (7)
+        is `Linear(R_max, R_min)`.
     sections : tuple of Anchorage
         From the tip to the base: section 1 is the section nearest to the tip.
     material : Material
@@ -82,6 +87,8 @@ class Arm(HtmlRepr):
         default is the radius of the body.
     rest_curvature : RestCurvature
         Curvature of the arm without tensions and loads. The default is a straight arm.
+    cross_section : Tube, Rectangle or SectionStiffness
+        Shape or stiffness of the cross-sections. The default is the solid circle.
 
     Raises
     ------
@@ -97,6 +104,7 @@ class Arm(HtmlRepr):
     base_position: Place = (0.0, 0.0, 0.0)
     hull: LengthPath | None = None
     rest_curvature: RestCurvature | None = None
+    cross_section: Profile | None = None
 
     def __post_init__(self) -> None:
         warn_unusual("Arm.length", [self.length], LENGTH)
@@ -122,6 +130,7 @@ class Arm(HtmlRepr):
             raise InputError(
                 "Arm.radius", float(radius.min()), f"above 0; see s = {length_text(at)}"
             )
+        self.profile.check(np.array(self.radius.evaluate(s, self.length)[:2]), s, self.length)
         bends = list[float]()
         for i, path in self.offset_paths:
             section = self.sections[i]
@@ -136,14 +145,41 @@ class Arm(HtmlRepr):
                     f"up to the radius of the {'hull' if self.hull else 'body'}, "
                     f"{length_text(room[worst])} at s = {length_text(s[worst])}",
                 )
-            R = _evaluated("Arm.radius", self.radius, s, self.length)
-            bends.append(float(np.trapezoid(4 * offset / (np.pi * R**4), s)) / self.material.E)
+            EJ = self.section_stiffness(s)[0, 1:3].min(axis=0)
+            bends.append(float(np.trapezoid(offset / EJ, s)))
+        if self.cross_section is not None and self.hull is None:
+            self._check_tendons(self.cross_section)
         tension = 1 / max(min(bends), SMALLEST)
         is_plastic = PLASTICS[0] <= self.material.E <= PLASTICS[1]
         usual = STIFF_PLASTIC if is_plastic else STIFF
         warn_unusual(
             "Material.E", [tension * (min(bends) > 0)], usual, stiff_text(tension, self.material.E)
         )
+
+    def _check_tendons(self, profile: Profile) -> None:
+        """Raise InputError if a tendon is outside of the cross-section."""
+        for section in self.sections:
+            s = np.linspace(0.0, section.at, 401)
+            paths = zip(section.angles, section.offsets, section.angle_paths, strict=True)
+            for angle, offset, turn in paths:
+                phi = angle + (turn.evaluate(s, section.at)[0] if turn else np.zeros_like(s))
+                d = np.array([np.cos(phi), np.sin(phi)])
+                profile.check_tendon(offset.evaluate(s, section.at)[0] * d, s, self.length)
+
+    @property
+    def profile(self) -> Profile:
+        """The shape of the cross-sections; the solid circle by default."""
+        return self.cross_section or SOLID
+
+    def section_stiffness(self, s: Array) -> Array:
+        """Return E A [N], E J_n, E J_b, G I [N m2] at s (N,), and derivatives along s (2, 4, N)."""
+        radius = np.array(self.radius.evaluate(s, self.length)[:2])
+        return self.profile.stiffness(self.material, radius, s, self.length)
+
+    def area(self, s: Array) -> Array:
+        """Return the area (N,) of the material in the cross-sections at s (N,) [m2]."""
+        radius = np.array(self.radius.evaluate(s, self.length)[:2])
+        return self.profile.area(radius, s, self.length)
 
     @classmethod
     def from_paper(cls, name: str) -> Arm:
@@ -168,7 +204,8 @@ class Arm(HtmlRepr):
     @property
     def bending_force(self) -> float:
         """The force that bends the straight arm by about 1 rad: E J / L^2 of the base [N]."""
-        return self.material.E * np.pi * self.base_radius**4 / 4 / self.length**2
+        EJ = self.section_stiffness(np.zeros(1))[0, 1:3].min()
+        return float(EJ) / self.length**2
 
     def outer_radius(self, s: Array) -> tuple[Array, Array, Array]:
         """Return the larger radius of body and hull, and two derivatives, at s (N,) [m].
@@ -249,6 +286,8 @@ class Arm(HtmlRepr):
         m = self.material
         radius = ends_text(self.radius, self.length)
         head = f"Arm of {1e3 * self.length:g} mm, radius {radius} mm, {self.n_tendons} tendons"
+        if self.cross_section is not None:
+            head += f", {type(self.cross_section).__name__}"
         head += f"; E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
         return "\n".join([head + ", curved at rest" * self.is_curved, *shortened_lines(rows)])
 
@@ -257,7 +296,8 @@ class Arm(HtmlRepr):
         """All functions of arc length in the equations."""
         tendons = [path for section in self.sections for path in section.paths]
         rest = self.rest_curvature
-        return (self.radius, *tendons, *((rest.n, rest.b) if rest else ()))
+        curvatures = (rest.n, rest.b) if rest else ()
+        return (self.radius, *self.profile.paths, *tendons, *curvatures)
 
     @property
     def is_curved(self) -> bool:

@@ -119,11 +119,10 @@ def growth_rate(arm: Arm, scene: Scene, s: Array) -> Array:
 
     The rate is (F / EJ)^(1/2) under a force F.
     """
-    R = arm.radius.evaluate(s, arm.length)[0]
     force = force_bound(arm, scene, s)
-    EA = arm.material.E * np.pi * R**2
+    EA, EJn, EJb, _ = arm.section_stiffness(s)[0]
     stretch = 1 + force / EA * cross_section_of(scene).extension
-    return np.asarray(np.minimum(stretch * np.sqrt(force / (EA * R**2 / 4)), LARGEST))
+    return np.asarray(np.minimum(stretch * np.sqrt(force / np.minimum(EJn, EJb)), LARGEST))
 
 
 def force_bound(arm: Arm, scene: Scene, s: Array) -> Array:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octoplan.model.anchorage import Material
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.rotations import from_matrix
@@ -31,8 +30,6 @@ class Stations:
         number selects one of the two sides.
     radius : (N,)
         Radius of the body [m].
-    area, area_rate : (2, N)
-        A [m2] and J [m4] of eq. (7), and the derivatives along s.
     y, y_rate, y_curve : (n_offsets, N)
         Offset y_i(s) of eq. (5) for each section, or for each tendon if offsets differ, and the
         first two derivatives. Zero beyond the end of the tendons.
@@ -43,8 +40,6 @@ class Stations:
     s: Array
     active: Counts
     radius: Array
-    area: Array
-    area_rate: Array
     y: Array
     y_rate: Array
     y_curve: Array
@@ -54,9 +49,7 @@ class Stations:
 
 def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     """Return the cross-sections at s (N,), each crossed by `active` anchorage sections."""
-    R, slope, _ = arm.radius.evaluate(s, arm.length)
-    area = np.array([np.pi * R**2, np.pi * R**4 / 4])
-    area_rate = np.array([2 * np.pi * R * slope, np.pi * R**3 * slope])
+    R = arm.radius.evaluate(s, arm.length)[0]
     y = np.empty((3, len(arm.offset_paths), s.size))
     for row, (i, path) in enumerate(arm.offset_paths):
         end = arm.sections[i].at
@@ -65,13 +58,7 @@ def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     curved = [path.evaluate(s, arm.length)[:2] for path in (rest.n, rest.b)] if rest else []
     bends = np.array(curved).reshape(len(curved), 2, s.size)
     parts = (y[0], y[1], y[2], bends[:, 0], bends[:, 1])
-    return Stations(s, active, R, area, area_rate, *parts)
-
-
-def body_stiffness(material: Material, area: Array) -> Array:
-    """Return E A [N], E J [N m2], G I [N m2] (3, N) from A and J (2, N), or their derivatives."""
-    A, J = area
-    return np.array([material.E * A, material.E * J, 2 * material.G * J])
+    return Stations(s, active, R, *parts)
 
 
 def tendon_directions(arm: Arm) -> tuple[Array, Array]:
@@ -132,14 +119,15 @@ def tendon_paths(
 def volume(arm: Arm, s: Array) -> Array:
     """Return the volume of the body between arc lengths s (N,) and the tip [m3].
 
-    By Gauss quadrature between the arc lengths and the radius path's knots, which is exact for
-    radii that are polynomials up to the fifth degree in between.
+    By Gauss quadrature between the arc lengths and the knots of the body's paths, which is exact
+    for paths that are polynomials up to the fifth degree in between.
     """
-    ends = np.unique(np.concatenate([[0.0, arm.length], s, arm.radius.knots()]))
+    knots = [at for path in (arm.radius, *arm.profile.paths) for at in path.knots()]
+    ends = np.unique(np.concatenate([[0.0, arm.length], s, knots]))
     ends = ends[(ends >= 0) & (ends <= arm.length)]
     h = np.diff(ends)
     nodes = (ends[:-1] + h / 2)[:, None] + h[:, None] / 2 * _GAUSS
-    area = np.pi * arm.radius.evaluate(nodes.ravel(), arm.length)[0].reshape(nodes.shape) ** 2
+    area = arm.area(nodes.ravel()).reshape(nodes.shape)
     parts = h / 2 * (area @ _WEIGHTS)
     rest = np.concatenate([np.cumsum(parts[::-1])[::-1], [0.0]])
     return np.asarray(rest[np.searchsorted(ends, np.clip(s, 0.0, arm.length))])

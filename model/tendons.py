@@ -128,8 +128,8 @@ def guide_remark(arm: Arm, tensions: Array) -> str:
     worst = (0.0, 0.0, 0.0)
     for a, b in pairwise(discs.tolist()):
         pull = float(tensions[ends >= b * (1 - SAME)].sum())
-        radius = arm.radius.evaluate(np.linspace(a, b, _RADIUS_SAMPLES), arm.length)[0].min()
-        euler = arm.material.E * np.pi**3 * radius**4 / (4 * (b - a) ** 2)
+        EJ = arm.section_stiffness(np.linspace(a, b, _RADIUS_SAMPLES))[0, 1:3].min()
+        euler = float(np.pi**2 * EJ / (b - a) ** 2)
         worst = max(worst, (pull / euler, a, b))
     ratio, a, b = worst
     if ratio <= _FEW_DISCS:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from octoplan.model import *
     from octoplan.model.effects import *
     from octoplan.model.extensions.contact import *
+    from octoplan.model.extensions.cross_sections import *
     from octoplan.model.extensions.friction import *
     from octoplan.model.extensions.obstacles import *
     from octoplan.model.extensions.printed import *

@@ -59,9 +59,8 @@ def equilibrium_scales(rod: DiscreteRod) -> tuple[Array, Array]:
     """Return the scales of the states and of the equations of equilibrium (n_states,)."""
     layout, L = rod.layout, rod.arm.length
     n_nodes = rod.mesh.s.size
-    R = rod.arm.radius.evaluate(np.concatenate([rod.mesh.s, rod.s]), L)[0]
-    EA = rod.arm.material.E * np.pi * R**2
-    EJ = EA * R**2 / 4
+    EA, EJn, EJb, _ = rod.arm.section_stiffness(np.concatenate([rod.mesh.s, rod.s]))[0]
+    EJ = np.sqrt(EJn * EJb)
     # Pose, moment and force; then the variables of the rod terms. Tendon states are of order 1.
     pose = np.tile(np.repeat([1.0, L], [4, 3]), (n_nodes, 1))
     wrench = np.repeat(EJ[:n_nodes, None] / [L, L**2], 3, axis=1)[:, : layout.structure.n_wrench]

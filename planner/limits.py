@@ -140,9 +140,9 @@ def natural_tensions(arm: Arm) -> Array:
     for i, path in arm.offset_paths:
         end = arm.sections[i].at
         s = np.linspace(0.0, end, 201)
-        y, R = np.abs(path.evaluate(s, end)[0]), arm.radius.evaluate(s, arm.length)[0]
-        EA = arm.material.E * np.pi * R**2
-        bend, shorten = np.trapezoid([4 * y / (EA * R**2), 1 / EA], s)
+        y = np.abs(path.evaluate(s, end)[0])
+        EA, EJn, EJb, _ = arm.section_stiffness(s)[0]
+        bend, shorten = np.trapezoid([y / np.minimum(EJn, EJb), 1 / EA], s)
         result.append(1 / max(float(bend), float(shorten) / arm.length))
     return np.array(result)[list(arm.offset_of)]
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import casadi as ca
 
 from octoplan.model.cross_section.law import (
+    STIFFNESS_SIZE,
     TINY,
     CrossSection,
     Name,
@@ -62,7 +63,7 @@ class EnergySection(CrossSection):
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body: the gradient of the energy."""
         at = ca.SX.sym("v", size(self))
-        gradient = ca.gradient(self.energy(at, body[:4]), at)
+        gradient = ca.gradient(self.energy(at, body[:STIFFNESS_SIZE]), at)
         return ca.substitute([gradient], [at], [elastic_strains(self, v, body)])[0]
 
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
@@ -89,8 +90,8 @@ class ExactSection(EnergySection):
     def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See EnergySection.energy."""
         kappa, nu = self.twist(v)
-        EA, EJ, GI, GA = ca.vertsplit(body)
-        bend = EJ * ca.sumsqr(kappa[1:]) + GI * kappa[0] ** 2
+        EA, EJn, EJb, GI, GA = ca.vertsplit(body)
+        bend = EJn * kappa[1] ** 2 + EJb * kappa[2] ** 2 + GI * kappa[0] ** 2
         return (EA * (nu[0] - 1) ** 2 + bend + GA * ca.sumsqr(nu[1:])) / 2
 
 
@@ -112,9 +113,10 @@ class RubberSection(EnergySection):
     def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See EnergySection.energy."""
         kappa, nu = self.twist(v)
-        EA, EJ, GI, GA = ca.vertsplit(body)
+        EA, EJn, EJb, GI, GA = ca.vertsplit(body)
         stretch = nu[0]
-        bend = EJ * ca.sumsqr(kappa[1:]) / 2 * (1 + 2 / stretch**3) / (3 * stretch)
+        bend = (EJn * kappa[1] ** 2 + EJb * kappa[2] ** 2) / 2
+        bend *= (1 + 2 / stretch**3) / (3 * stretch)
         twist = GI * kappa[0] ** 2 / (2 * stretch)
         along = EA / 6 * (stretch**2 + 2 / stretch - 3)
         return along + bend + twist + GA * ca.sumsqr(nu[1:]) / 2

@@ -18,6 +18,9 @@ import casadi as ca
 # large compared with the rounding of the square (1e-16).
 TINY = 1e-24
 
+# Size of the stiffness in the numbers of the body.
+STIFFNESS_SIZE = 5
+
 # Marks an intermediate of an expression; see octoplan.model.rod.kernels.
 Name = Callable[[ca.SX], ca.SX]
 
@@ -26,9 +29,10 @@ Name = Callable[[ca.SX], ca.SX]
 class CrossSection(ABC):
     """The law of a cross-section: a frozen value of its structure. Numbers are arguments.
 
-    The argument `body` contains E A [N], E J [N m2], G I [N m2], k_s G A [N], and the curvature at
-    rest about n and b [1/m] of a section that is curved at rest. The argument `path` contains the
-    offset Y = y d (2,) [m] of a tendon along n and b, and its derivative along s [-].
+    The argument `body` contains E A [N], E J about n and about b [N m2], G I [N m2], k_s G A [N],
+    and the curvature at rest about n and b [1/m] of a section that is curved at rest. The argument
+    `path` contains the offset Y = y d (2,) [m] of a tendon along n and b, and its derivative along
+    s [-].
 
     Attributes
     ----------
@@ -87,7 +91,7 @@ def size(law: CrossSection) -> int:
 
 def body_size(law: CrossSection) -> int:
     """Return the size of `body`."""
-    return 4 + 2 * law.curved
+    return STIFFNESS_SIZE + 2 * law.curved
 
 
 def elastic_strains(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
@@ -95,7 +99,7 @@ def elastic_strains(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
     if not law.curved:
         return v
     none = ca.SX(0)
-    return v - join(law, ca.vertcat(none, body[4:6]), none, ca.SX.zeros(2))
+    return v - join(law, ca.vertcat(none, body[5:7]), none, ca.SX.zeros(2))
 
 
 def components(law: CrossSection) -> list[int]:
@@ -150,8 +154,8 @@ class PaperSection(CrossSection):
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body."""
         omega, q, slide = split(self, elastic_strains(self, v, body))
-        EA, EJ, GI, GA = ca.vertsplit(body[:4])
-        return join(self, ca.vertcat(GI, EJ, EJ) * omega, EA * q, GA * slide)
+        EA, EJn, EJb, GI, GA = ca.vertsplit(body[:STIFFNESS_SIZE])
+        return join(self, ca.vertcat(GI, EJn, EJb) * omega, EA * q, GA * slide)
 
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon."""

@@ -10,7 +10,7 @@ from octoplan.model.cross_section.law import CrossSection, PaperSection
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Stations, body_stiffness
+from octoplan.model.stations import Stations
 
 
 def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -> CrossSection:
@@ -34,9 +34,8 @@ def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
     """Return the numbers of the body (n, N), or the derivatives along s; see CrossSection."""
-    area = at.area_rate if rates else at.area
     rest = at.rest_rate if rates else at.rest
-    body = body_stiffness(arm.material, area)
+    body = arm.section_stiffness(at.s)[int(rates)]
     shear = scene.find(Shear)
     GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
     return np.vstack([body, GA, rest])

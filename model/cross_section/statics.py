@@ -17,6 +17,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.energy import EnergySection, RubberSection
 from octoplan.model.cross_section.law import (
+    STIFFNESS_SIZE,
     TINY,
     PaperSection,
     body_size,
@@ -139,17 +140,18 @@ class EnergyStatics:
         body, paths = self._split(data)
         n = 2 + law.torsion
         v = ca.vertcat(u[:n] / law.width(u[n]), u[n:]) if law.extension else u
-        hessian, slope = ca.hessian(law.energy(elastic_strains(law, v, body), body[:4]), u)
+        energy = law.energy(elastic_strains(law, v, body), body[:STIFFNESS_SIZE])
+        hessian, slope = ca.hessian(energy, u)
         tendons = [_Tendon(*self._tangent(j, u, paths[j]), u) for j in range(self.n_pull)]
         for j, tendon in enumerate(tendons):
             slope += pull[j] * tendon.slope
             hessian += pull[j] * tendon.curvature
         # A descent step: H = L D L^T with pivots of at least _LEAST_PIVOT.
         D, L, order = ca.ldl(ca.densify(hessian), False)
-        EA, EJ, GI, GA = ca.vertsplit(body[:4])
-        stiff = join(law, ca.vertcat(GI, EJ, EJ), EA, ca.vertcat(GA, GA))
+        EA, EJn, EJb, GI, GA = ca.vertsplit(body[:STIFFNESS_SIZE])
+        stiff = join(law, ca.vertcat(GI, EJn, EJb), EA, ca.vertcat(GA, GA))
         step = ca.ldl_solve(-ca.densify(slope), ca.fmax(D, _LEAST_PIVOT * stiff), L, order)
-        radius = 2 * ca.sqrt(EJ / EA)
+        radius = 2 * ca.sqrt(ca.fmax(EJn, EJb) / EA)
         bent = radius * ca.norm_inf(step[:n])
         last = bent / (1 + radius * ca.norm_inf(u[:n]))
         last = ca.norm_inf(ca.vertcat(last, step[n:]))
@@ -162,7 +164,7 @@ class EnergyStatics:
         inputs = [u, ca.vertcat(*w), pull, data]
         newton = ca.Function("newton", inputs, [*after, last, there], {"cse": True})
         stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / EA) if stretches else ca.SX(1)
-        rest = ca.vertcat(0, body[4:] if law.curved else ca.SX.zeros(2))
+        rest = ca.vertcat(0, body[STIFFNESS_SIZE:] if law.curved else ca.SX.zeros(2))
         first = join(law, rest * law.width(stretch), stretch, ca.SX.zeros(2))
         begun = [ca.densify(first), ca.SX.zeros(newton.numel_in(1))]
         return ca.Function("begun", [pull, data], begun, {"cse": True}), newton

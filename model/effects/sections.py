@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from octoplan.model.arm import Arm
 from octoplan.model.effects.base import Effect, EffectSet, Rules
 from octoplan.model.rod.rod_term import RodTerm
+from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import Positive
 from octoplan.model.support.value import value
 
@@ -63,6 +65,12 @@ class NeoHookean(Effect):
             ("ExactTendons", "its section is the stationary point of an energy"),
         )
 
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect: the energy is derived for the solid circle and for tubes."""
+        if not arm.profile.has_rubber_law:
+            allowed = "a Tube or the solid circle with NeoHookean, which is derived for these"
+            raise InputError("Arm.cross_section", arm.cross_section, allowed)
+
 
 @value
 class Shear(Effect):
@@ -79,6 +87,12 @@ class Shear(Effect):
     """
 
     k_s: Positive = 1.0
+
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect: the shear stiffness is that of the arm's material."""
+        if not arm.profile.is_of_material:
+            allowed = "a Tube, a Rectangle or the solid circle with Shear, which needs the area"
+            raise InputError("Arm.cross_section", arm.cross_section, allowed)
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
         """Return a term that couples the cross-sections; shear itself is part of their law."""

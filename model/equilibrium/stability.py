@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from octoplan.model.cross_section.law import CrossSection, components
+from octoplan.model.cross_section.law import STIFFNESS_SIZE, CrossSection, components
 from octoplan.model.equilibrium.linearised import Equilibrium, Index
 from octoplan.model.loads import is_conservative, is_loaded
 from octoplan.model.paths import Array
@@ -389,5 +389,5 @@ def rest_stiffness(system: DiscreteRod) -> tuple[Array, Array]:
 
 def _at_rest(law: CrossSection, body: Array) -> Array:
     """Return the stiffness (strains, N) of the body against each strain at rest."""
-    EA, EJ, GI, GA = body[:4]
-    return np.array([GI, EJ, EJ, EA, GA, GA])[components(law)]
+    EA, EJn, EJb, GI, GA = body[:STIFFNESS_SIZE]
+    return np.array([GI, EJn, EJb, EA, GA, GA])[components(law)]

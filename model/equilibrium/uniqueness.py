@@ -28,6 +28,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky_banded
 
 from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import STIFFNESS_SIZE
 from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.loads import force_bound, turning_bounds
 from octoplan.model.paths import Array
@@ -50,7 +51,8 @@ def has_unique_equilibrium(arm: Arm, scene: Scene) -> bool:
     s = np.linspace(0.0, arm.length, _INTERVALS + 1)
     middle = (s[1:] + s[:-1]) / 2
     at = stations(arm, middle, np.zeros(middle.size, np.int64))
-    EA, EJ, GI, GA = body_numbers(arm, scene, at)[:4]
+    EA, EJn, EJb, GI, GA = body_numbers(arm, scene, at)[:STIFFNESS_SIZE]
+    EJ = np.minimum(EJn, EJb)
     axial = np.minimum(EA, GA) if GA.any() else EA
     stiffness = np.minimum(EJ, GI) / np.diff(s)
     force = force_bound(arm, scene, s)

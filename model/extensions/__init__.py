@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from types import ModuleType
 
 # Modules whose names users import from octoplan. Any of them may be left out.
-_PUBLIC = ("contact", "friction", "obstacles", "printed")
+_PUBLIC = ("contact", "cross_sections", "friction", "obstacles", "printed")
 
 
 def public_extensions() -> list[ModuleType]:

@@ -29,7 +29,6 @@ from octoplan.model.scene import Scene
 from octoplan.model.stations import (
     Counts,
     base_pose,
-    body_stiffness,
     crossing,
     stations,
     tendon_offsets,
@@ -90,6 +89,9 @@ class PrintedStatics(Effect):
         if arm.is_guided:
             allowed = "None, continuous guides, for the statics as printed"
             raise InputError("Anchorage.guides", "tendons that run straight", allowed)
+        if arm.cross_section is not None:
+            allowed = "the solid circle: eqs. (10) and (11) are written for that"
+            raise InputError("Arm.cross_section", arm.cross_section, allowed)
 
     def check_planned(self) -> None:
         """See Effect."""
@@ -167,9 +169,8 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
     (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
     rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
     maps = np.stack([crossing(arm, at), *resultants(n, b, n_rate, b_rate)[1:6], *rates], axis=1)
-    body = ca.DM(
-        np.vstack([body_stiffness(arm.material, each) for each in (at.area, at.area_rate)])
-    )
+    # E A, E J and G I of the solid circle.
+    body = ca.DM(arm.section_stiffness(s)[:, [0, 1, 3]].reshape(6, -1))
     sums = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, arm.n_tendons))) @ T, 12, s.size)
     return ca.vertcat(sums, body)
 

@@ -58,8 +58,7 @@ class WeightTerm(RodTerm):
 
     def dead_load_per_length(self, arm: Arm, s: Array) -> Array:
         """Return the weight per length."""
-        radius = arm.radius.evaluate(s, arm.length)[0]
-        return np.outer(self.specific_weight(arm), np.pi * radius**2)
+        return np.outer(self.specific_weight(arm), arm.area(s))
 
     def force_bound(self, arm: Arm, s: Array) -> Array:
         """Return the size of the weight between s and the tip."""

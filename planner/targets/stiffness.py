@@ -184,7 +184,7 @@ def _log_compliance(view: View, p: ca.MX) -> ca.MX:
 def rest_compliance(arm: Arm) -> float:
     """Return an estimate of the lateral compliance of the straight arm at rest [m/N]."""
     s = np.linspace(0.0, arm.length, 201)
-    EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
+    EJ = arm.section_stiffness(s)[0, 1:3].min(axis=0)
     return float(np.trapezoid((arm.length - s) ** 2 / EJ, s))
 
 

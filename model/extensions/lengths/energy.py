@@ -10,7 +10,13 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.cross_section.energy import EnergySection
-from octoplan.model.cross_section.law import CrossSection, body_size, elastic_strains, size
+from octoplan.model.cross_section.law import (
+    STIFFNESS_SIZE,
+    CrossSection,
+    body_size,
+    elastic_strains,
+    size,
+)
 from octoplan.model.extensions.obstacles.base import SIZE, signed_distance
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import element, rotation_quaternions
@@ -34,7 +40,7 @@ def body_energy(law: EnergySection) -> Kernel:
     body = ca.SX.sym("body", body_size(law))
     forces = ca.SX.sym("forces", size(law))
     parameters = {"weight": weight, "body": body, "forces": forces}
-    energy = law.energy(elastic_strains(law, v, body), body[:4]) + ca.dot(forces, v)
+    energy = law.energy(elastic_strains(law, v, body), body[:STIFFNESS_SIZE]) + ca.dot(forces, v)
     return Kernel("body_energy", v, parameters, weight * energy)
 
 

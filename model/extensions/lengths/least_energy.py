@@ -43,6 +43,7 @@ from octoplan.model.rod.equations import AssembledValue
 from octoplan.model.rod.layout import Layout, layout
 from octoplan.model.rod.load_terms import (
     CouplingTerm,
+    DeadLineTerm,
     DeadTipTerm,
     PointForceTerm,
     WeightTerm,
@@ -70,7 +71,7 @@ _IPOPT: dict[str, Any] = {
     "fixed_variable_treatment": "make_parameter_nodual",
 }
 # Terms whose potential is part of the energy; the forces of others are treated as nonconservative.
-_REPRESENTED = (CouplingTerm, DeadTipTerm, PointForceTerm, WeightTerm)
+_REPRESENTED = (CouplingTerm, DeadLineTerm, DeadTipTerm, PointForceTerm, WeightTerm)
 # Largest number of updates of the nonconservative forces.
 ROUNDS = 12
 # Change of a frame's quaternion at which the updates end.
@@ -139,7 +140,7 @@ class LeastEnergy:
         self._stage, self._tendon = of.crossings
         self._h = np.diff(mesh.s)[None] / L
         self._weights = np.outer(self._h, gauss(m).b).ravel()
-        stiff = [F, F * L**2, F * L**2, F, *[1 / L] * (2 * law.curved)]
+        stiff = [F, *[F * L**2] * 3, F, *[1 / L] * (2 * law.curved)]
         self._body = body_numbers(arm, scene, at) / np.array(stiff)[:, None]
         self._paths = tendon_paths(arm, at, self._stage, self._tendon) / np.array(
             [[L], [L], [1], [1]]

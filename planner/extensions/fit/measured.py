@@ -261,7 +261,7 @@ def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ..
 def crushing_remark(arm: Arm, measured: Iterable[Measured]) -> str:
     """Return the remark that tensions exceed E A of the arm's base; "" if they do not."""
     most = max((max(shape.tensions or (0.0,)) for shape in measured), default=0.0)
-    stiffness = arm.material.E * np.pi * arm.base_radius**2
+    stiffness = float(arm.section_stiffness(np.zeros(1))[0, 0, 0])
     if most <= stiffness:
         return ""
     return (

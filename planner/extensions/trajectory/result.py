@@ -224,7 +224,7 @@ def slowest_period(shape: Shape) -> float:
     fluid = shape.scene.find(Buoyancy)
     density = arm.material.density + (fluid.density if fluid else 0.0)
     share = np.linspace(0.0, 1.0, 201)
-    area = np.pi * arm.radius.evaluate(arm.length * share, arm.length)[0] ** 2
+    area = arm.area(arm.length * share)
     mass = density * arm.length * simpson(area * share**4, x=share)
     near = shape if has_complementarity(shape.scene) else None
     k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3, near=near)

@@ -96,11 +96,11 @@ def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     trimesh = needed("trimesh", "mesh")
     s = np.linspace(0.0, shape.arm.length, along)
-    radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
+    swelling = None
     if shape.scene.has(NeoHookean):
         # A cross-section of constant volume grows as the arm is compressed.
-        radius = radius / np.sqrt(1 + shape.strain(s)[:, 3])
-    vertices, faces = surface(shape.arm, s, shape.poses(s), around, radius)
+        swelling = 1 / np.sqrt(1 + shape.strain(s)[:, 3])
+    vertices, faces = surface(shape.arm, s, shape.poses(s), around, swelling)
     mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
     content = mesh.export(file_type=suffix[1:])
     return content.encode() if isinstance(content, str) else bytes(content)

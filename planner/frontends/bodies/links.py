@@ -103,21 +103,20 @@ def build_chain(shape: Shape, links: int) -> Chain:
     turned = Rotation.from_matrix(np.swapaxes(rest, 1, 2) @ now).as_euler("XYZ")
     h = np.diff(s)
     middle = (s[:-1] + s[1:]) / 2
-    radius = arm.radius.evaluate(s, arm.length)[0]
     middle_radius = arm.radius.evaluate(middle, arm.length)[0]
     masses = -arm.material.density * np.diff(volume(arm, s))
     # A hinge replaces the compliance of half a link on either side.
     spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
-    EJ = arm.material.E * np.pi * radius**4 / 4
-    GJ = arm.material.G * np.pi * radius**4 / 2
-    EA = arm.material.E * np.pi * middle_radius**2
+    _, EJn, EJb, GI = arm.section_stiffness(s)[0]
+    hinges = np.stack([GI, EJn, EJb], axis=1)
+    EA = arm.section_stiffness(middle)[0, 0]
     if shape.scene.has(NeoHookean):
         stretch = 1 + shape.strain(s)[:, 3]
         middle_stretch = 1 + shape.strain(middle)[:, 3]
-        EJ = EJ * (1 + 2 / stretch**3) / (3 * stretch)
-        GJ = GJ / stretch
+        bending = (1 + 2 / stretch**3) / (3 * stretch)
+        hinges = hinges * np.column_stack([1 / stretch, bending, bending])
         EA = EA * (1 + 2 / middle_stretch**3) / 3
-    hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
+    hinges = hinges / spans[:, None]
     return Chain(
         s,
         chords,

@@ -28,7 +28,7 @@ _SHOWN = 0.15
 
 
 def surface(
-    arm: Arm, s: Array, poses: Array, around: int, radius: Array | None = None
+    arm: Arm, s: Array, poses: Array, around: int, swelling: Array | None = None
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return the closed surface of the body; normals of triangles point outwards.
 
@@ -40,8 +40,8 @@ def surface(
         Arc lengths of the rings from base to tip [m], and poses of the midline.
     around : int
         Points in each ring.
-    radius : (along,)
-        Radii of the rings [m]; by default of the arm at rest.
+    swelling : (along,)
+        Factors of the cross-sections; 1 by default.
 
     Returns
     -------
@@ -50,18 +50,23 @@ def surface(
     faces : (2 * along * around, 3)
         Indices of the vertices of each triangle.
     """
-    if radius is None:
-        radius = arm.radius.evaluate(s, arm.length)[0]
-    skin = rings(poses, radius, around).reshape(-1, 3)
+    points = outlines(arm, s, around)
+    if swelling is not None:
+        points = points * swelling[:, None, None]
+    skin = rings(poses, points).reshape(-1, 3)
     return np.vstack([skin, poses[[0, -1], 4:]]), _faces(s.size, around)
 
 
-def rings(poses: Array, radius: Array, around: int) -> Array:
-    """Return rings (N, around, 3) [m] about poses (N, 7), with radii (N,), in normal planes."""
-    phi = 2 * np.pi * np.arange(around) / around
-    circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
-    turned = np.swapaxes(matrices(poses[:, :4]) @ circle, 1, 2)
-    return np.asarray(poses[:, None, 4:] + radius[:, None, None] * turned)
+def outlines(arm: Arm, s: Array, around: int) -> Array:
+    """Return points (N, around, 2) of the outlines of cross-sections along n and b [m]."""
+    radius = np.array(arm.radius.evaluate(s, arm.length)[:2])
+    return arm.profile.outline(radius, s, arm.length, around)
+
+
+def rings(poses: Array, points: Array) -> Array:
+    """Return rings (N, around, 3) [m] about poses (N, 7) of points (N, around, 2) along n and b."""
+    across = matrices(poses[:, :4])[:, :, 1:]
+    return np.asarray(poses[:, None, 4:] + points @ np.swapaxes(across, 1, 2))
 
 
 def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:

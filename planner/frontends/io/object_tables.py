@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 import octoplan.model.effects
 import octoplan.model.extensions.obstacles
 import octoplan.planner.targets
-from octoplan.model.anchorage import Anchorage, Material, RestCurvature
+from octoplan.model.anchorage import Anchorage, Material, Profile, RestCurvature
 from octoplan.model.arm import PAPER_ARMS, PAPER_FRAME, Arm
 from octoplan.model.effects.base import Effect
 from octoplan.model.extensions import public_extensions as model_extensions
+from octoplan.model.extensions.cross_sections import Rectangle, SectionStiffness, Tube
 from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Obstacle
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.support.errors import FileError, InputError
@@ -127,10 +128,18 @@ def _inline(kind: Any) -> FieldFormat:
     return FieldFormat(keys, lambda *each: kind(*map(read, hints, each)), table_of)
 
 
+def tag_of(kind: type) -> str:
+    """Return the value of the key `type` for a class: tip-position for TipPosition."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+
+
 _PRESETS = {name: Arm.from_paper(name) for name in PAPER_ARMS}
 Preset: Any = Literal[tuple(_PRESETS)]
 TABLES[RestCurvature] = table(RestCurvature)
 TABLES[Anchorage] = table(Anchorage)
+TABLES[Profile] = choice(
+    [table(kind, tag=tag_of(kind)) for kind in (Tube, Rectangle, SectionStiffness)]
+)
 _PRESET = "an arm of the paper; replaces length_mm, radius_mm and sections"
 ArmTable: Any = table(
     Arm,
@@ -167,11 +176,6 @@ def public(module: Any) -> list[Any]:
     """Return the classes that a package exports; each class must have a table."""
     exported = (getattr(module, name) for name in module.__all__)
     return [item for item in exported if isinstance(item, type)]
-
-
-def tag_of(kind: type) -> str:
-    """Return the value of the key `type` for a class: tip-position for TipPosition."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
 
 
 def _vertices(values: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:

@@ -84,7 +84,13 @@ def _samples(name: str, unit: str) -> Any:
     return struct(f"{name}Samples", fields, doc)
 
 
-_NAMES = {"mm": "Length", "deg": "Angle", "1/m": "Curvature"}
+_NAMES = {
+    "mm": "Length",
+    "deg": "Angle",
+    "1/m": "Curvature",
+    "N": "AxialStiffness",
+    "N m2": "Rigidity",
+}
 SAMPLES: dict[str, Any] = {unit: _samples(name, unit) for unit, name in _NAMES.items()}
 
 

@@ -24,7 +24,13 @@ from octoplan.model.loads import has_complementarity
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape
-from octoplan.planner.frontends.bodies.surface import along, outline, rings, tendon_lines
+from octoplan.planner.frontends.bodies.surface import (
+    along,
+    outline,
+    outlines,
+    rings,
+    tendon_lines,
+)
 from octoplan.planner.frontends.plots.style import (
     INK,
     MM,
@@ -180,15 +186,15 @@ def best_view(points: Array, t: Array) -> tuple[float, float]:
 
 def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
     """Draw the surface and discs at base and anchorages; return visible points (N, 3) [m]."""
-    radius = arm.radius.evaluate(s, arm.length)[0]
-    skin = rings(poses, radius, _AROUND)
+    points = outlines(arm, s, _AROUND)
+    skin = rings(poses, points)
     closed = MM * np.concatenate([skin, skin[:, :1]], axis=1)
     style = {"alpha": 0.55, "lw": 0, "rasterized": True, "zorder": 2}
     # Soft light from above.
     xyz = np.moveaxis(closed, 2, 0)
     ax.plot_surface(*xyz, rstride=1, cstride=1, color=_BODY, lightsource=_LIGHT, **style)
     at = np.searchsorted(s, [0.0, *(section.at for section in arm.sections)])
-    discs = rings(poses[at], np.where(at == 0, 1.5, 1.0) * radius[at], _AROUND)
+    discs = rings(poses[at], np.where(at == 0, 1.5, 1.0)[:, None, None] * points[at])
     for zorder, some, alpha in ((1, discs[:1], 0.55), (3, discs[1:], 0.2)):
         faces = Poly3DCollection(
             MM * some, facecolors=(0.2, 0.24, 0.28, alpha), edgecolors=INK, lw=0.9, zorder=zorder

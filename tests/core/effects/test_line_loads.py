@@ -10,6 +10,7 @@ from scipy.optimize import root
 
 from octoplan import (
     Arm,
+    ExactTendons,
     Extension,
     Friction,
     InputError,
@@ -154,3 +155,11 @@ def test_unusable_line_loads_are_refused() -> None:
         settle(BAR.arm, NO_PULL, Scene(LineLoad(end=0.4)))
     with pytest.raises(InputError, match=r"LineLoad\.begin = 0\.3: must be below the arm's length"):
         settle(BAR.arm, NO_PULL, Scene(LineLoad(begin=0.3)))
+
+
+def test_lengths_under_a_line_load_give_the_tensions_back() -> None:
+    arm = Arm.from_paper("section-5.2")
+    scene = Scene(Extension(), ExactTendons(), LineLoad((0.0, 0.0, -0.05), begin=0.1))
+    pulled = settle(arm, [1.0, 0.6, 0.3, 0.5], scene, 1e-8)
+    back = settle(arm, lengths=pulled.tendon_lengths, scene=scene, accuracy=1e-7)
+    assert np.abs(back.tip - pulled.tip).max() < 1e-6 * arm.length
