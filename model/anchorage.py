@@ -54,7 +54,8 @@ class Anchorage:
         Arc lengths of spacer discs between the base and the anchorage [m]: the tendons run straight
         from guide to guide, at the offsets of their paths there. Base and anchorage are guides. The
         default None assumes a continuous guide, such as a channel in the body. An empty tuple has
-        one straight span. Guides are rigid, and tendons slide through them without friction.
+        one straight span. Guides are rigid. In a scene with Friction they follow the
+        capstan law.
 
     Raises
     ------

@@ -26,7 +26,7 @@ def rod_terms(arm: Arm, scene: Scene) -> tuple[RodTerm, ...]:
     if arm.is_guided:
         from octoplan.model.extensions.guides import GuideTerm
 
-        terms = (*terms, GuideTerm.of(arm))
+        terms = (*terms, GuideTerm.of(arm, scene))
     if any(arm.angle_paths) and not any(term.couples_sections for term in terms):
         from octoplan.model.rod.load_terms import CouplingTerm
 

@@ -203,7 +203,7 @@ class Integration:
         self._units = by_tendon(units)
         self._tensions = by_tendon(tensions)
         self._state_rates = by_tendon(values[:, :K])
-        slopes = values[:, K:].reshape(len(values), -1, K)
+        slopes = values[:, K:].reshape(len(values), flat.shape[1], K)
         self._rate_slopes = by_tendon(slopes)
 
     def _rate(self, step: int, strains: Array, stage: int, y: Array) -> Array:
@@ -395,6 +395,10 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     """Return the tensions (P,) at P crossings: tendon[i] at the arc length s[place[i]]."""
     T = x[tendon]
     layout = at.layout
+    known = x[layout.n_before_states :], float(x[layout.n_tendons])
+    for terms, groups in zip(at.node_terms, layout.node_variables, strict=True):
+        for term, places in zip(terms, groups, strict=True):
+            T = T * term.tension_factors(known[0][places], known[1], at.mesh, s[place], tendon)
     structure = layout.structure
     if not structure.n_tendon_states:
         return np.asarray(T)

@@ -71,9 +71,6 @@ class Friction(Effect):
         if isinstance(self.direction, tuple) and len(self.direction) != arm.n_tendons:
             allowed = f"one number, or one for each of {arm.n_tendons} tendons"
             raise InputError("Friction.direction", self.direction, allowed)
-        if arm.is_guided:
-            allowed = "None, continuous guides, in a scene with Friction"
-            raise InputError("Anchorage.guides", "tendons that run straight", allowed)
 
     def rod_term(self, scene: EffectSet) -> RodTerm:
         """Return the friction of all tendons."""
@@ -96,6 +93,10 @@ class TendonFriction(RodTerm):
     def is_conservative(self) -> bool:
         """No: friction dissipates."""
         return False
+
+    def signed_mu(self, arm: Arm) -> tuple[float, ...]:
+        """Return direction mu of each tendon."""
+        return tuple((self.mu * np.broadcast_to(self.direction, arm.n_tendons)).tolist())
 
     def n_stage_variables(self, law: CrossSection) -> int:
         """Return the number of the rates v' of the strains."""
@@ -179,7 +180,7 @@ class TendonFriction(RodTerm):
 
     def tendon_values(self, points: RodPoints, place: Counts, tendon: Counts) -> Values:
         """Return direction mu, and the derivatives of the paths along s."""
-        signed_mu = self.mu * np.broadcast_to(self.direction, points.arm.n_tendons)
+        signed_mu = np.array(self.signed_mu(points.arm))
         path_rate = tendon_paths(points.arm, points.stations, place, tendon, 1)
         return {"signed_mu": signed_mu[tendon][None], "path_rate": path_rate}
 

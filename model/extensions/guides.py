@@ -9,6 +9,11 @@ through them. Under the tension T the tendon has the potential
 With e = (p_{k+1} - p_k) / |p_{k+1} - p_k|, a span pulls guide k with the force T e at p_k, and
 guide k + 1 with -T e at p_{k+1}. Moments and forces of the rod jump by these loads at the nodes of
 the guides; between the guides the cross-sections carry M and F alone.
+
+With Coulomb friction a guide turns the tendon by the angle between the spans on both sides, and the
+capstan law gives the tension of span k, T exp(-direction mu theta_k), from the sum theta_k of the
+angles between the base and the span. theta_k is a node variable of the guide at which the span
+begins.
 """
 
 from __future__ import annotations
@@ -21,13 +26,15 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.friction import TendonFriction
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Kernel, Places
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rod.nodes import POSE, zero
 from octoplan.model.rod.rod_term import RodPlaces, RodTerm
-from octoplan.model.rotations import unit_matrix
+from octoplan.model.rotations import norm, unit_matrix
+from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, stations, tendon_paths
 from octoplan.model.support.machine.functions import cached
 
@@ -42,17 +49,24 @@ class GuideTerm(RodTerm):
         Arc lengths of the guides of all tendons, from the base [m].
     spans : tuple of (int, int, int)
         Tendon, and the indices in `places` of both ends, of each straight span.
+    signed_mu : tuple of float
+        Direction mu of each tendon of the arm; () without friction.
     """
 
     places: tuple[float, ...]
     spans: tuple[tuple[int, int, int], ...]
+    signed_mu: tuple[float, ...] = ()
     couples_sections = True
     depends_on_shape = True
     couples_nodes = True
 
     @classmethod
-    def of(cls, arm: Arm) -> GuideTerm:
+    def of(cls, arm: Arm, scene: Scene) -> GuideTerm:
         """Return the term of all tendons of an arm that have guides."""
+        signed_mu = tuple[float, ...]()
+        for term in scene.rod_terms:
+            if isinstance(term, TendonFriction):
+                signed_mu = term.signed_mu(arm)
         places = list[float]()
         for s in sorted({s for row in arm.guides if row is not None for s in row}):
             if not places or s - places[-1] > SAME * arm.length:
@@ -63,11 +77,21 @@ class GuideTerm(RodTerm):
                 continue
             at = np.abs(np.subtract.outer(row, places)).argmin(axis=1).tolist()
             spans += [(j, a, b) for a, b in pairwise(at)]
-        return cls(tuple(places), tuple(spans))
+        return cls(tuple(places), tuple(spans), signed_mu)
+
+    @property
+    def n_node_variables(self) -> int:
+        """The number of tendons with guides in a scene with friction, otherwise 0."""
+        return len(self._tendons) if self.signed_mu else 0
+
+    @property
+    def _tendons(self) -> list[int]:
+        """The tendons with guides."""
+        return sorted({j for j, _, _ in self.spans})
 
     def structure(self) -> Hashable:
-        """Return the spans, which are places of the kernels."""
-        return self.spans
+        """Return the spans, which are places of the kernels, and whether there is friction."""
+        return self.spans, bool(self.signed_mu)
 
     def required_arc_lengths(self, arm: Arm) -> tuple[float, ...]:
         """Return the guides inside the arm."""
@@ -83,7 +107,24 @@ class GuideTerm(RodTerm):
         ends = np.vstack([places.nodes[first, :POSE].T, places.nodes[last, :POSE].T])
         unknowns = np.vstack([tendon, places.n_before_states + ends])
         rows = np.vstack([places.nodes[first, POSE:].T, places.nodes[last, POSE:].T])
-        return [Term(cached(chord), unknowns, rows)]
+        if not self.signed_mu:
+            return [Term(cached(chord, False), unknowns, rows)]
+        column = np.searchsorted(self._tendons, tendon[0])
+        theta = places.variables[first, column]
+        load = np.full_like(tendon, places.n_before_states - 1)
+        unknowns = np.vstack([unknowns, load, places.n_before_states + theta])
+        # Spans of one tendon are consecutive.
+        after = np.flatnonzero(np.diff(tendon[0]) == 0) + 1
+        begins = first[after - 1], first[after], last[after]
+        poses = np.vstack([places.nodes[each, :POSE].T for each in begins])
+        bent = np.vstack([poses, theta[after - 1], theta[after]])
+        at_guides = places.variables[list(places.acting)].ravel()
+        none = np.setdiff1d(at_guides, theta[after])[None]
+        return [
+            Term(cached(chord, True), unknowns, rows),
+            Term(bend(), places.n_before_states + bent, theta[after][None]),
+            Term(zero(), places.n_before_states + none, none),
+        ]
 
     def length_kernels(self, places: RodPlaces) -> list[Term]:
         """Return the lengths of the spans."""
@@ -91,9 +132,32 @@ class GuideTerm(RodTerm):
         ends = np.vstack([places.nodes[first, :POSE].T, places.nodes[last, :POSE].T])
         return [Term(cached(chord_length), places.n_before_states + ends, tendon)]
 
+    def tension_factors(
+        self, variables: Array, load_factor: float, mesh: Mesh, s: Array, tendon: Counts
+    ) -> Array:
+        """Return exp(-direction mu theta) of the spans; 1 for tendons without guides."""
+        result = np.ones(s.size)
+        if not self.signed_mu:
+            return result
+        nodes = self.nodes(mesh)
+        for j, first, last in self.spans:
+            theta = variables[nodes[first], self._tendons.index(j)]
+            begin = self.places[first] if first else -1.0
+            inside = (tendon == j) & (s > begin) & (s <= self.places[last] * (1 + SAME))
+            result[inside] = np.exp(-load_factor * self.signed_mu[j] * theta)
+        return result
+
     def kernel_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the offsets of the spans."""
-        return {"chord": {"offsets": self._offsets(arm)}}
+        offsets = self._offsets(arm)
+        if not self.signed_mu:
+            return {"chord": {"offsets": offsets}}
+        tendon = np.array([j for j, _, _ in self.spans])
+        after = np.flatnonzero(np.diff(tendon) == 0) + 1
+        return {
+            "chord": {"offsets": offsets, "signed_mu": np.array(self.signed_mu)[tendon][None]},
+            "bend": {"offsets": np.vstack([offsets[:, after - 1], offsets[2:, after]])},
+        }
 
     def length_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the offsets of the spans."""
@@ -142,18 +206,46 @@ class _Span:
         self.along = points[1] - points[0]
 
 
-def chord() -> Kernel:
+def chord(has_friction: bool) -> Kernel:
     """Return the kernel of the pull of a span on its guides.
 
-    Unknowns: tension, poses of both guides. Rows: minus the moment and the force on the first guide
-    and on the last guide.
+    Unknowns: tension at the motor, poses of both guides; with friction also the load factor and the
+    angle theta by which the tendon has turned. Rows: minus the moment and the force on the first
+    guide and on the last guide.
     """
     span = _Span()
     T = ca.SX.sym("T")
-    force = T * span.along / ca.norm_2(span.along)
+    load = ca.SX.sym("load", int(has_friction))
+    theta = ca.SX.sym("theta", int(has_friction))
+    signed_mu = ca.SX.sym("signed_mu", int(has_friction))
+    pull = T * ca.exp(-load * signed_mu * theta) if has_friction else T
+    force = pull * span.along / ca.norm_2(span.along)
     first, last = span.levers
     rows = ca.vertcat(-ca.cross(first, force), -force, ca.cross(last, force), force)
-    return Kernel("chord", ca.vertcat(T, span.poses), {"offsets": span.offsets}, rows)
+    parameters = {"offsets": span.offsets}
+    if has_friction:
+        parameters["signed_mu"] = signed_mu
+    return Kernel("chord", ca.vertcat(T, span.poses, load, theta), parameters, rows)
+
+
+def bend() -> Kernel:
+    """Return the kernel of the angle by which a guide turns a tendon.
+
+    Unknowns: poses of the guide before, of the guide and of the guide beyond; theta of the span
+    before and of the span beyond. Row: theta beyond minus theta before minus the angle.
+    """
+    poses = ca.SX.sym("g", 3 * POSE)
+    offsets = ca.SX.sym("offsets", 6)
+    theta = ca.SX.sym("theta", 2)
+    points = [
+        g[4:] + unit_matrix(g[:4]) @ ca.vertcat(0, Y)
+        for g, Y in zip(ca.vertsplit(poses, POSE), ca.vertsplit(offsets, 2), strict=True)
+    ]
+    before, beyond = (b - a for a, b in pairwise(points))
+    gap = norm(beyond / ca.norm_2(beyond) - before / ca.norm_2(before))
+    angle = 2 * ca.asin(ca.fmin(gap / 2, 1))
+    row = theta[1] - theta[0] - angle
+    return Kernel("bend", ca.vertcat(poses, theta), {"offsets": offsets}, row)
 
 
 def chord_length() -> Kernel:

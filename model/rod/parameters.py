@@ -137,6 +137,6 @@ def _by_passage(values: Values, layout: Layout) -> Values:
     place[stage, tendon] = np.arange(stage.size)
     chosen = place[k[:, None] * m + np.arange(m), j[:, None]]
     return {
-        name: value[:, chosen].transpose(2, 0, 1).reshape(-1, k.size)
+        name: value[:, chosen].transpose(2, 0, 1).reshape(m * len(value), k.size)
         for name, value in values.items()
     }

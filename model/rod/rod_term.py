@@ -415,6 +415,22 @@ class RodTerm:
         """
         return []
 
+    def tension_factors(
+        self, variables: Array, load_factor: float, mesh: Mesh, s: Array, tendon: Counts
+    ) -> Array:
+        """Return the tensions (P,) of tendons at P arc lengths over those without this term.
+
+        For terms whose node variables determine tensions. `tension_ratio` is no part of the result.
+
+        Parameters
+        ----------
+        variables : (N + 1, n_node_variables)
+            Values of the node variables.
+        s, tendon : (P,), (P,)
+            Arc length [m] and index of a tendon.
+        """
+        return np.ones(s.size)
+
     def length_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the parameter values of `length_kernels`."""
         return {}
