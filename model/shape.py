@@ -64,7 +64,7 @@ class Shape(HtmlRepr):
     winches : Winches or None
         The winches of the tendons, if lengths were given.
     snaps : tuple of float
-        With contact, fractions of tensions and loads at which the arm jumped.
+        With contact, fractions of the changes of loads and of tensions at which the arm jumped.
     self_contacts : tuple of ContactPoint
         Points at which the arm presses on itself, in pairs, from base to tip. Shape and stability
         result from the scene with the contact forces as point loads.
@@ -90,7 +90,7 @@ class Shape(HtmlRepr):
 
         "loads first": the loads acted, then the tensions grew in proportion. "tensions first": the
         arm does not bear its loads without tension. "near": the tensions changed from the tensions
-        of another shape. "together": loads and tensions grew in proportion, with contact.
+        of another shape.
         """
         point = self.known
         return "loads first" if point is None else point.history

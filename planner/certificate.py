@@ -176,6 +176,8 @@ class Certificate(HtmlRepr):
         """A description of the first-order conditions."""
         if self.optimal:
             return "locally optimal"
+        if not np.isfinite(self.kkt):
+            return "not proven optimal"
         if not self.saving:
             return f"not proven optimal (optimality residual {self.kkt:.1e})"
         return f"not proven optimal (a descent direction saves {self.saving:.2g} N)"

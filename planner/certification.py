@@ -87,8 +87,12 @@ def _checked(
     if limits.strokes is not None:
         (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
         over = float(np.max([low - taken, taken - high], initial=0.0)) / arm.length
+    fields = _extension_fields(problem, shape, line)
     report("verifying optimality")
-    conditions = optimality()
+    # Optimality is reported beside the verdict, which does not wait for it.
+    conditions = Optimality(np.inf)
+    with suppress(OutOfTime):
+        conditions = optimality()
     checked = replace(
         begun,
         equality={name: float(np.linalg.norm(values)) for name, values in equality.items()},
@@ -106,7 +110,7 @@ def _checked(
         strokes=over,
         bends=sharp(shape),
         stretches=stretched(shape),
-        **_extension_fields(problem, shape, line),
+        **fields,
     )
     # The load factor is no part of the verdict.
     with suppress(OutOfTime):

@@ -61,9 +61,9 @@ class Solution:
     unstable : bool
         Whether all shapes that meet the targets are below the stability margin.
     load_path : tuple of (n_tendons,)
-        Tensions [N] that lead an arm in contact to the shape. From rest, tensions and loads grow in
-        proportion to the first; then tensions change in straight lines to the next, and to the
-        tensions of the solution. Empty if the load path from rest is straight.
+        Tensions [N] that lead an arm in contact to the shape. From rest the loads act first; then
+        tensions change in straight lines to the first, to the next, and to the tensions of the
+        solution. Empty if the load path from rest is straight.
     avoidance : Constraints or None
         Inequalities of the last program that keep the arm clear of obstacles.
     sampled : int

@@ -29,9 +29,8 @@ from octoplan.model.support.errors import CollapsedError, SingularError, Unsettl
 from octoplan.model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
-# The order in which loads and tensions acted. "near": both changed from the values of another
-# shape; "together": both grew in proportion, as in scenes with contact.
-History = Literal["loads first", "tensions first", "near", "together"]
+# The order in which loads and tensions acted. "near": both changed from those of another shape.
+History = Literal["loads first", "tensions first", "near"]
 # Smallest change of curvature times radius, or of stretch, between two stages that is a jump.
 JUMP = 0.3
 # Largest distance of two stages at a jump, relative to the radius of the body: a rod has no

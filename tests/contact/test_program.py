@@ -74,8 +74,8 @@ def test_a_penalty_rises_until_steps_take_most_violations_away() -> None:
     task = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
     program = TensionProgram(task, FINE)
     start = program.at(T / program.unit, program.settled(T))
-    change, *_, penalty = steered(start, exact, radius, 1e-3)
-    left = [start.step(exact, radius, each)[3] for each in (penalty / 10, penalty)]
+    step = steered(start, start, exact, radius, 1e-3)
+    left = [start.step(exact, radius, each)[3] for each in (step.penalty / 10, step.penalty)]
     assert left[1] < start.violation / 10 < left[0]
-    there = program.at(start.tensions + change, start.point)
+    there = program.at(start.tensions + step.change, start.point)
     assert there.violation < start.violation

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.effects import bodies_of, contacts, without_friction
@@ -17,7 +17,7 @@ from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
 from octoplan.model.extensions.contact.sharp import Request, sharpened
 from octoplan.model.extensions.contact.touches import places_of
-from octoplan.model.loads import growth_rate, required_arc_lengths
+from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
 from octoplan.model.mesh import Mesh, graded, landmarks
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -65,27 +65,55 @@ class TouchingMap(Collocation):
     ) -> ContactEquilibrium:
         """Return the equilibrium that the arm comes to from another one or from rest.
 
-        Friction acts against the steps from there, which are those on another mesh where tensions
-        are the same; an arm without that history has an equilibrium as long as it touches nothing:
-        else InputError. Raises UnsettledContactError where none is found, SnapError where it would
-        jump unless it may.
+        From rest the loads act first, then the tensions, as on arms that touch nothing. Friction
+        acts against the steps from there, which are those on another mesh where tensions are the
+        same; an arm without that history has an equilibrium as long as it touches nothing: else
+        InputError. Raises UnsettledContactError where none is found, SnapError where it would jump
+        unless it may.
         """
         end = Request(self.system, self._fixed, tensions)
         if not isinstance(near, Equilibrium):
             if self._rubs:
                 free = self._contact_free(tensions)
-                return replace(self.solve(tensions, free), snaps=free.snaps)
-            return follow(end, self._at_rest)
+                return replace(self.solve(tensions, free), snaps=free.snaps, history=free.history)
+            return self._loaded_then_pulled(end)
         stays = np.array_equal(tensions, near.tensions)
+        history: History = near.history if stays else "near"
         if self._rubs:
             past = near.path if stays and isinstance(near, ContactEquilibrium) else ()
             path = past or ((near, 0.0), (near, 1.0))
             begin = path[0][0]
             end = replace(end, before=begin)
             again = retraced(end, path) if stays else None
-            return again or follow(end, begin, jumps)
+            return replace(again or follow(end, begin, jumps), history=history)
         there = sharpened(end, near)
-        return follow(end, near, jumps) if there is None else ContactEquilibrium.of(there)
+        found = follow(end, near, jumps) if there is None else ContactEquilibrium.of(there)
+        return replace(found, history=history)
+
+    def _loaded_then_pulled(self, end: Request) -> ContactEquilibrium:
+        """Return the equilibrium that an arm at rest comes to; raises UnsettledContactError.
+
+        The loads act first, then the tensions. An arm that snaps under its loads alone is pulled
+        first, unless it snaps then as well.
+        """
+        if not is_loaded(self.system.arm, self.system.scene):
+            return replace(follow(end, self._at_rest), history="loads first")
+        if self._hanging is not None:
+            return replace(follow(end, self._hanging), history="loads first")
+        with suppress(SnapError, UnsettledContactError):
+            pulled = follow(replace(end, load=0.0), self._at_rest, jumps=False)
+            return replace(follow(end, pulled), history="tensions first")
+        loaded = follow(replace(end, tensions=0.0 * end.tensions), self._at_rest)
+        there = follow(end, loaded)
+        return replace(there, snaps=loaded.snaps + there.snaps, history="loads first")
+
+    @cached_property
+    def _hanging(self) -> ContactEquilibrium | None:
+        """The equilibrium under the loads alone; None if the arm snaps on its way there."""
+        alone = Request(self.system, self._fixed, np.zeros(self.system.layout.n_tendons))
+        with suppress(SnapError, UnsettledContactError):
+            return follow(alone, self._at_rest, jumps=False)
+        return None
 
     def solve_from(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium that another leads to, by load steps; None where it jumps."""

@@ -1,6 +1,6 @@
-"""How an arm comes into contact: tensions and loads grow together from none, obstacles there.
+"""How an arm comes into contact: tensions and loads change in straight lines, obstacles there.
 
-While tensions and loads grow in proportion the equilibrium is followed with forces at the nodes
+While tensions or loads change the equilibrium is followed with forces at the nodes
 that are complementary to the gaps: by Newton's method, and where that leads to no stable one nearby
 by the least energy with gaps >= 0. Where frames turn far in however short a step the arm has
 snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
@@ -79,7 +79,7 @@ class ContactEquilibrium(Equilibrium):
             end.x,
             linearised_at=end.linearised_at,
             jacobian=end.jacobian,
-            history="together",
+            history="near",
             snaps=snaps,
             path=path,
         )
@@ -126,7 +126,12 @@ def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquili
     states = base.initial_states(begin[:-1], strains, float(begin[-1]))
     free = Equilibrium(base, np.append(begin, states))
     rough, _ = stepped(solve, free, _STEPS)[-1]
-    return ContactEquilibrium.of(_at_refined_places(end, rough), tuple(snaps))
+    there = _at_refined_places(end, rough)
+    if not close(rough, there):
+        if not jumps:
+            raise SnapError(1.0, "it jumps")
+        snaps.append(1.0)
+    return ContactEquilibrium.of(there, tuple(snaps))
 
 
 def retraced(end: Request, path: Path) -> ContactEquilibrium | None:

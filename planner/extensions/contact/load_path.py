@@ -72,9 +72,9 @@ def settled_along(
 ) -> Shape:
     """Settle an arm under tensions (n_tendons,) at the end of a load path.
 
-    From rest to the first tensions of the path, tensions and loads grow in proportion; then
-    tensions change in straight lines. `Shape.snaps` reports whether the arm snaps at last. Friction
-    of contacts acts beyond the first tensions. Raises the errors of settle.
+    From rest the loads act first; then the tensions change in straight lines along the path.
+    `Shape.snaps` reports whether the arm snaps at last. Friction of contacts acts beyond the first
+    tensions. Raises the errors of settle.
     """
     if not load_path and not rubs(scene):
         return settle(arm, tensions, scene, accuracy, compile=machine_code)

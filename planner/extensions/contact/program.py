@@ -16,7 +16,7 @@ forces are unknowns within their cones. If constraints cannot be met, their viol
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import clarabel
@@ -64,6 +64,8 @@ class Constraints:
         Derivatives of wrenches, bounds and columns of the grasp.
     tangential : (2 k,)
         Tangential forces of the linearisation, along the bases of the grasp.
+    region : (q, 1 + n)
+        Further inequalities (>= 0) within which the linearisation holds; see kinks.py.
     """
 
     point: Equilibrium
@@ -74,6 +76,34 @@ class Constraints:
     grasp: Grasp
     grasp_rates: Array
     tangential: Array
+    region: Array = field(default_factory=lambda: np.zeros((0, 1)))
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The values of constraints and grasp, then their derivatives (m, 1 + n)."""
+        grasp = self.grasp
+        values = np.concatenate([grasp.still, grasp.most, grasp.columns.ravel()])
+        return np.vstack([self.equal, self.unequal, np.column_stack([values, self.grasp_rates])])
+
+    def with_numbers(self, numbers: Array, region: Array) -> Constraints:
+        """Return the linearisation with other numbers, and the region in which it holds."""
+        grasp = self.grasp
+        ends = np.cumsum([len(self.equal), len(self.unequal), grasp.still.size, grasp.most.size])
+        equal, unequal, still, most, columns = np.split(numbers, ends)
+        changed = replace(
+            grasp,
+            still=still[:, 0],
+            most=most[:, 0],
+            columns=columns[:, 0].reshape(grasp.columns.shape),
+        )
+        return replace(
+            self,
+            equal=equal,
+            unequal=unequal,
+            grasp=changed,
+            grasp_rates=numbers[ends[1] :, 1:],
+            region=region,
+        )
 
     @cached_property
     def violation(self) -> float:
@@ -110,6 +140,13 @@ class Constraints:
         return cones
 
     @property
+    def violated(self) -> slice:
+        """The places, among the multipliers of a step, of the rows whose violation has a norm."""
+        first = 2 * self.tensions.size + len(self.unequal) + 1
+        count = len(self.equal) + self.grasp.still.size + len(self.unequal)
+        return slice(first, first + count)
+
+    @property
     def by_tensions(self) -> Array:
         """The rows of the cones against tensions (m, n)."""
         return np.vstack([rows[:, : self.tensions.size] for _, rows, _ in self.cones])
@@ -121,15 +158,19 @@ class Constraints:
 
         Returns the change of the scaled tensions (n,), the new tangential forces (2 k,), the
         multipliers and the remaining violation. Multipliers are those of the upper and lower bounds
-        (2 n,), then those of the cones; the multiplier of the violation, which is the penalty, is
-        set to 0. Raises UnsettledContactError if no step is found.
+        (2 n,), then those of the cones and of the region; the multiplier of the violation, which is
+        the penalty, is set to 0. Raises UnsettledContactError if no step is found.
         """
         n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
         T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
         bounds = np.minimum(self.room, radius).ravel()
         limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
         H, cost = T.T @ hessian @ T + COST * f.T @ f, T.T @ self.tensions + penalty * t
-        solution = conic_program(H, cost, [limits, *self.cones])
+        cones = [limits, *self.cones]
+        if self.region.size:
+            rows = self.region[:, 1:] @ T
+            cones.append((clarabel.NonnegativeConeT, rows, self.region[:, 0]))
+        solution = conic_program(H, cost, cones)
         if solution is None:
             raise UnsettledContactError(1.0, "no step is found")
         x, lam = solution
@@ -284,6 +325,7 @@ class TensionProgram:
             raise SnapError(1.0, "it is unstable next to another equilibrium")
 
         def at(step: Array) -> float:
+            check_time()
             return stability(self.settled(self.unit * (tensions + step), point))
 
         rates = [(at(step) - at(-step)) / (2 * _CHANGE) for step in _CHANGE * np.eye(self.n)]

@@ -14,7 +14,8 @@ import numpy as np
 from octoplan.model.extensions.contact.effects import contacts, without_contacts, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.sharp import close
-from octoplan.model.paths import Array
+from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.paths import Array, Mask
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
 from octoplan.model.support.progress import OutOfTime, check_time, report, reserve
@@ -42,9 +43,12 @@ COARSE = 1
 FINE = 2 * COARSE
 # Time for shape and certificate, which are more accurate, over the time for one step of the load
 # path in the search. The path itself is not settled again.
-CERTIFICATE_TIME = 4.0
+CERTIFICATE_TIME = 8.0
 # Largest rotation of frames between two meshes for the same equilibrium [rad].
 _SAME = 0.1
+# Numbers of legs of the load paths that are tried if the straight path leads elsewhere. The
+# certificate settles each leg.
+_LEGS = (1, 3, 8)
 # Shares of the change of tensions to the optimum without friction.
 _SLID = (1.0, 1.5, 2.5)
 # Number of arms that are drawn for a hold; number of the nearest of these, around which as many
@@ -116,6 +120,10 @@ class ContactSearch:
         except OutOfTime:
             stopped = True
         best = self.best or min(self.optima, key=attrgetter("cost"), default=None)
+        if best is not None and self.best is None:
+            # The certificate has no time for all steps of a search that was cut short.
+            legs = max(len(self.begin or ()), 1)
+            best = replace(best, load_path=best.load_path[:legs])
         trials, exact = _trials(self.optima), best is not None and not best.violation
         options = self.task.options.replace(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
@@ -190,12 +198,12 @@ class ContactSearch:
                 return
 
     def _refined_optimum(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
-        """Return the optimum on the fine mesh that the arm reaches from rest or by all steps.
+        """Return the optimum on the fine mesh that the arm reaches by a short load path.
 
         Raises UnsettledContactError if the arm does not reach the optimum.
         """
         arm, scene, T = self.task.arm, self.task.scene, end.point.tensions
-        for way in ((), end.load_path):
+        for way in _short_paths(end.load_path):
             with suppress(OctoplanError):
                 begun = time.monotonic()
                 shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
@@ -209,40 +217,62 @@ class ContactSearch:
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
 
+def _short_paths(load_path: LoadPath) -> Iterator[LoadPath]:
+    """Yield load paths to the end of a long one, from the shortest: straight, then in few legs."""
+    yield ()
+    for legs in sorted({min(each, len(load_path)) for each in _LEGS} - {0}):
+        kept = np.linspace(0, len(load_path), legs, endpoint=False).astype(int)
+        yield tuple(load_path[i] for i in kept)
+
+
 def _free_arms_reaching(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
     """Yield tensions of free arms that, under their loads, would penetrate the held object.
 
     The starts are arms without loads that penetrate the object. For each, a plan finds the tensions
-    that bring the deepest place there under loads. Arms whose contact force would balance the
-    wrench within the cone of friction come first, by increasing effort. Few drawn arms reach a
+    that bring the deepest place there under loads. Arms that are clear of other obstacles come
+    first; then arms whose contact force would balance the wrench within the cone of friction, by
+    increasing effort. Few drawn arms reach a
     small object; as many again are drawn around the nearest arms.
     """
     arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
+    others = [each.obstacle for each in contacts(task.scene) if each.obstacle != body]
     tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
     bends = BendCoordinates(arm, tendons, task.allowed)
 
-    def deepest(points: Array) -> tuple[Array, Array, Array, Array]:
-        """Return tensions, and the place of the smallest gap of each arm: position, s and gap."""
+    def deepest(points: Array) -> tuple[Array, Array, Array, Array, Mask]:
+        """Return tensions, and the place of the smallest gap of each arm: position, s and gap.
+
+        Then whether the arm goes through another obstacle.
+        """
         tensions = bends.tensions(points)
         places, s = many_places(task, tensions)
-        gaps = body.distance(places.reshape(-1, 3)).reshape(places.shape[:2])
-        gaps -= arm.outer_radius(s)[0]
-        gaps[np.isnan(gaps)] = np.inf
+        radii = arm.outer_radius(s)[0]
+
+        def gaps_from(obstacle: Convex) -> Array:
+            gaps = obstacle.distance(places.reshape(-1, 3)).reshape(places.shape[:2]) - radii
+            return np.where(np.isnan(gaps), np.inf, gaps)
+
+        gaps = gaps_from(body)
+        through = [gaps_from(other).min(axis=1) < 0 for other in others]
         each, k = np.arange(len(gaps)), gaps.argmin(axis=1)
-        return tensions, places[each, k], s[k], gaps[each, k]
+        hits = np.any([*through, np.zeros(len(gaps), dtype=bool)], axis=0)
+        return tensions, places[each, k], s[k], gaps[each, k], hits
 
     points = bends.draw(_DRAWN)
-    nearest = points[np.argsort(deepest(points)[-1], kind="stable")[:_NEAREST]]
+    *_, gaps, _ = deepest(points)
+    nearest = points[np.argsort(gaps, kind="stable")[:_NEAREST]]
     around = np.repeat(nearest, _DRAWN // _NEAREST, axis=0)
     points = np.vstack([points, around * np.exp(_SPREAD * rng.normal(size=around.shape))])
-    tensions, places, s, gaps = deepest(points)
-    tensions, places, s = tensions[gaps < 0], places[gaps < 0], s[gaps < 0]
+    tensions, places, s, gaps, hits = deepest(points)
+    reaches = gaps < 0
+    tensions, places, s = tensions[reaches], places[reaches], s[reaches]
+    hits = hits[reaches]
     force = np.array(hold.wrench[:3])
     force /= max(float(np.linalg.norm(force)), 1e-300)
     against = body.gradient(places) @ force if len(places) else np.zeros(0)
     within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
     options, scene = task.options.replace(margin=0.0), without_contacts(task.scene)
-    for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within)):
+    for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within, hits)):
         there = Backbone((tuple(places[i].tolist()),), (float(s[i]),))
         free = replace(task, targets=(there,), scene=scene, options=options)
         loaded = RelaxationStage(free, "closest").solve_from(tensions[i])
