@@ -177,7 +177,7 @@ class Certificate(HtmlRepr):
         if self.optimal:
             return "locally optimal"
         if not np.isfinite(self.kkt):
-            return "not proven optimal"
+            return "not proven optimal (optimality residual unknown)"
         if not self.saving:
             return f"not proven optimal (optimality residual {self.kkt:.1e})"
         return f"not proven optimal (a descent direction saves {self.saving:.2g} N)"
