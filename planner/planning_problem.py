@@ -15,6 +15,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects.sections import Extension
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.forward import FINEST_ACCURACY
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -139,12 +140,24 @@ class PlanningProblem:
         """The accuracy of verifying shapes: a hundredth of the problem's accuracy."""
         return max(self.accuracy / 100, FINEST_ACCURACY)
 
-    def settled(self, tensions: Array) -> Shape:
+    def settled(self, tensions: Array, near: Shape | None = None) -> Shape:
         """Settle tensions to the reference accuracy; raises the errors of settle.
+
+        A shape `near` saves the load path from rest. It is used if the arm may have several
+        equilibria, because other arms settle as fast from rest.
 
         The error of a shape is that of the tip position over the arm's length. The error of the tip
         frame, which targets use too, can be thirty times as large.
         """
+        if near is not None and not has_unique_equilibrium(self.arm, self.scene):
+            return settle(
+                self.arm,
+                tensions,
+                self.scene,
+                self.reference_accuracy,
+                near=near,
+                compile=self.machine_code,
+            )
         T = tuple(np.ravel(tensions).tolist())
         return _settled(self.arm, T, self.scene, self.reference_accuracy, self.machine_code)
 

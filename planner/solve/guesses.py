@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import Extension
+from octoplan.model.effects.sections import Extension
 from octoplan.model.integrators import MAGNUS4
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BatchFunction

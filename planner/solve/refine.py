@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.forward import FINEST_ACCURACY, next_refinement
 from octoplan.model.loads import convergence_order
 from octoplan.model.paths import Array
@@ -60,11 +61,12 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
     on the way, if the arm settles to another shape from rest, or if the arm buckles.
     """
     task, last, before = optimum.problem.task, None, np.inf
+    shape: Shape | None = None
     tolerance = max(min(task.accuracy, COARSEST_ACCURACY) / SAFETY_FACTOR, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
             check_time()
-            corrected, change = _corrected(optimum, tolerance)
+            corrected, change, shape = _corrected(optimum, tolerance, shape)
             if corrected is None:
                 return None
             if change <= tolerance:
@@ -78,13 +80,23 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
                 if stagnates or remaining <= (
                     EFFORT_TOL if is_effort else KKT_TOLERANCE / SAFETY_FACTOR
                 ):
-                    return last
+                    break
                 before = remaining
             optimum = polish(corrected)
             if not optimum.converged:
-                return last
-        return last
+                break
+        return last if last is not None and _is_held(last, tolerance) else None
     return None
+
+
+def _is_held(optimum: NlpSolution, tolerance: float) -> bool:
+    """Return whether the arm takes the shape of a refined optimum from rest."""
+    problem = optimum.problem
+    if has_unique_equilibrium(problem.arm, problem.scene):
+        return True
+    error = defect(problem, optimum.x, problem.task.settled(optimum.tensions))
+    before = 0.0 if optimum.defect is None else optimum.defect
+    return _defect_size(problem, error - before) <= tolerance
 
 
 def _effort_change(optimum: NlpSolution) -> float:
@@ -97,8 +109,12 @@ def _effort_change(optimum: NlpSolution) -> float:
     return change / max(optimum.f, np.finfo(float).tiny)
 
 
-def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | None, float]:
-    """Return the optimum with the defect of the settled shape, and the change of the defect.
+def _corrected(
+    optimum: NlpSolution, tolerance: float, near: Shape | None
+) -> tuple[NlpSolution | None, float, Shape | None]:
+    """Return the optimum with the defect of the settled shape, the change of the defect, the shape.
+
+    The arm is settled near the last shape, or from rest if there is none.
 
     If the defect is large, and changes by more than the tolerance, return the optimum on a finer
     mesh, and an infinite change. Return None for the optimum if the arm has another shape, or if no
@@ -106,19 +122,21 @@ def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | No
     """
     problem, before = optimum.problem, optimum.defect
     try:
-        shape = problem.task.settled(optimum.tensions)
+        shape = problem.task.settled(optimum.tensions, near)
     except CollapsedError as collapse:
-        return replace(optimum, defect=collapse_defect(problem, optimum.x, collapse)), np.inf
+        error = collapse_defect(problem, optimum.x, collapse)
+        return replace(optimum, defect=error), np.inf, near
     error = defect(problem, optimum.x, shape)
     size = _defect_size(problem, error, reducible=True)
     change = np.inf if before is None else _defect_size(problem, error - before)
     if size <= _REFINE_ABOVE or change <= tolerance:
-        return replace(optimum, defect=error), change
+        return replace(optimum, defect=error), change, shape
     order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.options.refinement
     finer = next_refinement(mesh, size, _REFINE_ABOVE, order) if size <= _OTHER_SHAPE else None
     if not finer:
-        return None, np.inf
-    return on_mesh(optimum, problem.replace(refinement=finer), shape).with_adjoint(), np.inf
+        return None, np.inf, shape
+    on_finer = on_mesh(optimum, problem.replace(refinement=finer), shape)
+    return on_finer.with_adjoint(), np.inf, shape
 
 
 def on_mesh(optimum: NlpSolution, problem: Problem, shape: Shape) -> NlpSolution:

@@ -8,7 +8,7 @@ from stable shapes (octoplan.planner.solve.stable_descent).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from heapq import merge
 from itertools import chain, islice
@@ -127,6 +127,11 @@ class RelaxationStage:
     def no_stable_optimum_meets(self) -> bool:
         """Whether targets are relaxed, and the least squares of no stable optimum vanish."""
         return self.mode != "exact" and not any(each.f <= NEARLY_MET for each in self.stable)
+
+    @property
+    def best_is_stable(self) -> bool:
+        """Whether the optimum with the least objective is stable."""
+        return bool(self.optima) and self.optima[0] in self.stable
 
     def multistart(
         self, most: int | None = None, until_met: bool = False, until_equal: bool = True
@@ -256,8 +261,8 @@ class RelaxationStage:
         """
         lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
         streams = [self._enforce_margin(unstable[f]) for f in sorted(unstable)[:MAX_ENFORCED]]
-        if self.starts and unstable:
-            streams = [self._descend(min(unstable))]
+        if (self.starts or self.descended) and (unstable or not self.stable):
+            streams = [self._descend(min(unstable, default=0.0))]
         stable = sorted(((each.f, each) for each in self.stable), key=itemgetter(0))
         for f, optimum in merge(stable, *streams, key=itemgetter(0)):
             if f > limit:
@@ -289,20 +294,41 @@ class RelaxationStage:
                         return refined.result(self.trials)
         return None
 
-    def _descend(self, bound: float) -> Iterator[tuple[float, NlpSolution | None]]:
-        """Yield a lower bound of the objective with None, then stable optima from the starts.
+    def best_of_descents(self, near: Iterable[NlpSolution]) -> Solution | None:
+        """Return a result of a descent from a stable optimum that meets relaxed targets, or None.
 
-        Descents end after a number of equal optima.
+        Each optimum of `near` is tried in turn; optima that miss the targets are skipped.
         """
-        yield bound, None
         problem = self._problem().replace(modes=1)
-        for start in self.starts:
-            optimum = descend(problem, start)
-            self.descended += [] if optimum is None else [optimum]
+        for relaxed in near:
+            if relaxed.f <= NEARLY_MET:
+                optimum = descend(problem, relaxed.problem.linearised(relaxed.x))
+                self.descended += [] if optimum is None else [optimum]
+                refined = None if optimum is None else refine(optimum)
+                if refined is not None:
+                    self.refined = refined
+                    return refined.result(self.trials)
+        return None
+
+    def descents(self) -> Iterator[NlpSolution]:
+        """Yield stable optima from the starts, until enough are equal; each start is used once."""
+        problem = self._problem().replace(modes=1)
+        while self.starts:
+            report("descents from sampled shapes", len(self.descended))
+            optimum = descend(problem, self.starts.pop(0))
+            if optimum is not None:
+                self.descended.append(optimum)
+                yield optimum
             best = min((each.f for each in self.descended), default=np.inf)
             n_equal = sum(each.f <= (1 + COARSE_RTOL) * best for each in self.descended)
-            if n_equal >= N_EQUAL_OPTIMA:
+            if best > NEARLY_MET and n_equal >= N_EQUAL_OPTIMA:
                 break
+
+    def _descend(self, bound: float) -> Iterator[tuple[float, NlpSolution | None]]:
+        """Yield a lower bound of the objective with None, then stable optima from the starts."""
+        yield bound, None
+        for _ in self.descents():
+            pass
         for optimum in sorted(self.descended, key=attrgetter("f")):
             yield optimum.f, optimum
 

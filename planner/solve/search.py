@@ -8,7 +8,9 @@ search.
    optima are equal. The exact mode first has three guesses, unless a number is given. If no guess
    has an optimum, the search goes on to the next mode.
 2. Samples, if a relaxed mode misses the targets: sample shapes over the limits, and solve from the
-   nearest samples.
+   nearest samples. If loads act before tensions, descend from stable samples in small steps
+   (octoplan.planner.solve.stable_descent), and from the first shape that meets the targets to the
+   least effort.
 3. Return to the exact mode, if a relaxed mode nearly meets the targets: the optimum is the first
    guess, and the guesses that are left come next.
 4. Refine the best optimum: correct the program by the defect of the mesh and solve again, warm
@@ -120,6 +122,12 @@ class Search:
             if stage.no_stable_optimum_meets and self._n_sampled:
                 stage = self.stage = self._with_samples(stage)
             stages = [stage]
+            if suspended is not None and stage.starts and not stage.best_is_stable:
+                suspended.task = stage.task
+                result = suspended.best_of_descents(stage.descents())
+                if result is not None:
+                    self.stage = suspended
+                    return result
             unstable |= stage.no_stable_optimum_meets and stage.some_optimum_meets
             if suspended is not None and stage.some_optimum_meets and not stage.starts:
                 suspended.task = stage.task
@@ -174,9 +182,9 @@ class Search:
             stage = RelaxationStage(
                 self.task, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
             )
-        stage.guesses = guesses
         if stage.mode == "nearest":
             stage.starts = self.samples.stable(MAX_DESCENTS, self.task.options.stability_bound)
+        stage.guesses = iter(()) if stage.starts else guesses
         stage.multistart(until_met=True, until_equal=False)
         return stage
 

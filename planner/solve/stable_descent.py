@@ -57,7 +57,7 @@ def descend(problem: Problem, start: Equilibrium) -> NlpSolution | None:
             high = ubx.copy()
             low[:n] = np.maximum(lbx[:n], x[:n] - width)
             high[:n] = np.minimum(ubx[:n], x[:n] + width)
-            trial = solve(problem, x, p, (low, high, lbg, ubg))
+            trial = solve(problem, x, p, (low, high, lbg, ubg), purpose="step")
             is_better = trial.converged and trial.f < objective
             if is_better and problem.is_stable(trial.x, margin):
                 gain = objective - trial.f
