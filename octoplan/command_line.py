@@ -25,6 +25,7 @@ COMMANDS = {
     "accuracy": "Measure error over time of settling and planning the scene; recommend an "
     "accuracy.",
     "effects": "Compare shape and run time of the scene with and without each effect.",
+    "check": "Settle random tensions within the limits in several ways; compare the tips.",
     "sweep": "Compute shapes, plans or stiffness at many values of a scene; resume if interrupted.",
     "calibrate": "Fit parameters of an arm to measured shapes.",
     "design": "Find the arm for which several tasks need the least effort.",

@@ -13,6 +13,7 @@ from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.accuracy_study import AccuracyPoint, AccuracyStudy, accuracy_study
+from octoplan.planner.frontends.arm_check import ArmCheck, Comparison, check_arm
 from octoplan.planner.frontends.bodies.files import export_shape, save_mesh
 from octoplan.planner.frontends.bodies.forces import ExportWarning
 from octoplan.planner.frontends.bodies.links import ros_messages, urdf
@@ -34,8 +35,10 @@ from octoplan.planner.solution import Solution, Trial
 __all__ = [
     "AccuracyPoint",
     "AccuracyStudy",
+    "ArmCheck",
     "Calibration",
     "Certificate",
+    "Comparison",
     "Design",
     "ExportWarning",
     "FailedPlan",
@@ -54,6 +57,7 @@ __all__ = [
     "Unknown",
     "accuracy_study",
     "calibrate",
+    "check_arm",
     "design",
     "export",
     "export_plan",

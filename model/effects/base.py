@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from octoplan.model.arm import Arm
+from octoplan.model.paths import Array
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.checks import SUCH
 from octoplan.model.support.value import value
@@ -81,6 +82,14 @@ class Effect:
     def without_force(self) -> Effect | None:
         """Return the load with zero force; None if the effect is not a load with a strength."""
         return None
+
+    def rotated(self, rotation: Array) -> Effect | None:
+        """Return the effect in a scene that is rotated about the origin by a matrix (3, 3).
+
+        The default is the effect itself: an effect with directions or places in the base frame
+        overrides this method. None if the effect cannot be rotated.
+        """
+        return self
 
     def check_arm(self, arm: Arm) -> None:
         """Raise InputError if an arm cannot have this effect."""

@@ -6,8 +6,11 @@ import math
 from dataclasses import replace
 from typing import Annotated, Any
 
+import numpy as np
+
 from octoplan.model.arm import Arm
 from octoplan.model.effects.base import Effect, EffectSet, Rules
+from octoplan.model.paths import Array
 from octoplan.model.rod.load_terms import (
     DeadLineTerm,
     DeadTipTerm,
@@ -61,6 +64,10 @@ class Weight(Effect):
     def without_force(self) -> Effect:
         """Return the weight without gravity."""
         return replace(self, g=_NONE)
+
+    def rotated(self, rotation: Array) -> Effect:
+        """Return the weight with rotated gravity."""
+        return replace(self, g=rotate(rotation, self.g))
 
 
 @value
@@ -123,6 +130,13 @@ class TipLoad(Effect):
     def without_force(self) -> Effect:
         """Return the load without force and moment."""
         return replace(self, force=_NONE, moment=_NONE)
+
+    def rotated(self, rotation: Array) -> Effect:
+        """Return the rotated load; a follower has the tip frame."""
+        if self.follower:
+            return self
+        force = rotate(rotation, self.force)
+        return replace(self, force=force, moment=rotate(rotation, self.moment))
 
 
 @value
@@ -219,6 +233,10 @@ class LineLoad(Effect):
         """Return the load without force and moment."""
         return replace(self, force=_NONE, moment=_NONE)
 
+    def rotated(self, rotation: Array) -> Effect:
+        """Return the load with rotated force."""
+        return replace(self, force=rotate(rotation, self.force))
+
 
 @value
 class PointMass(Effect):
@@ -304,6 +322,16 @@ class Current(Effect):
     def without_force(self) -> Effect:
         """Return still water."""
         return replace(self, velocity=_NONE)
+
+    def rotated(self, rotation: Array) -> Effect:
+        """Return the current with rotated velocity."""
+        return replace(self, velocity=rotate(rotation, self.velocity))
+
+
+def rotate(rotation: Array, vector: tuple[float, ...]) -> tuple[float, float, float]:
+    """Return a vector rotated by a matrix (3, 3)."""
+    x, y, z = (rotation @ np.array(vector)).tolist()
+    return x, y, z
 
 
 def _check_place(field: str, s: float, arm: Arm) -> None:

@@ -294,17 +294,19 @@ def _plan_error(found: Plan, accuracy: float) -> float:
     return max(checked.equality.values(), default=0.0)
 
 
-def reference_shape(arm: Arm, tensions: Any, scene: Scene | None) -> tuple[Shape, float]:
-    """Return the shape at the finest reference accuracy that the arm settles to, and the accuracy.
+def reference_shape(
+    arm: Arm, tensions: Any, scene: Scene | None, accuracies: tuple[float, ...] = _REFERENCES
+) -> tuple[Shape, float]:
+    """Return the shape at the first of some accuracies that the arm settles to, and the accuracy.
 
     Raises the errors of settle.
     """
-    for accuracy in _REFERENCES[:-1]:
+    for accuracy in accuracies[:-1]:
         try:
             return settle(arm, tensions, scene, accuracy), accuracy
         except ConvergenceError:
             continue
-    return settle(arm, tensions, scene, _REFERENCES[-1]), _REFERENCES[-1]
+    return settle(arm, tensions, scene, accuracies[-1]), accuracies[-1]
 
 
 def verified_tip(shape: Shape, accuracy: float) -> tuple[Array, str]:

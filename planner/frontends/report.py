@@ -27,6 +27,7 @@ from octoplan.planner.extensions.fit.designed import Design
 from octoplan.planner.extensions.trajectory.certificate import MotionCertificate
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.accuracy_study import AccuracyPoint, AccuracyStudy, duration
+from octoplan.planner.frontends.arm_check import ArmCheck
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.many import FailedPlan
 from octoplan.planner.plan_result import Plan
@@ -168,6 +169,19 @@ def _accuracy_cells(point: AccuracyPoint) -> list[str]:
     return ["-", "failed"] if point.problem else [duration(point.seconds), f"{point.error:.1e}"]
 
 
+def _check(result: ArmCheck) -> Iterator[Part]:
+    """Yield the outcome, the comparisons, and the reasons for refusals."""
+    yield result.outcome
+    rows = [["comparison", "sets", "refused", "largest disagreement [L]", "allowed", "beyond"]]
+    for each in result.comparisons:
+        counts = str(len(each.disagreements)), str(len(each.refusals))
+        sizes = f"{each.largest:.1e}", f"{each.allowed:.0e}"
+        rows.append([each.name, *counts, *sizes, str(each.n_beyond)])
+    yield rows
+    for count, text in result.reasons():
+        yield f"{count} x for example: {text}"
+
+
 def switch_table(switches: tuple[Switch, ...], length: float, tolerance: float) -> str:
     """Return a table of the effects: tip movement, run time and verdict, one line each, and notes.
 
@@ -232,6 +246,7 @@ shown_by(MotionCertificate, None, _certificate)
 shown_by(Trajectory, lambda motion, *_: figure("motion", "plot_trajectory")(motion), _trajectory)
 shown_by(Calibration, None, _calibration)
 shown_by(Design, None, _design)
+shown_by(ArmCheck, figure("results", "plot_check"), _check)
 shown_by(AccuracyStudy, figure("results", "plot_accuracy"), _accuracy)
 shown_by(Plan, figure("plan", "plot_plan"), _plan)
 shown_by(FailedPlan, None, _plan)

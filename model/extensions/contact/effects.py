@@ -97,6 +97,9 @@ class Contact(Effect):
         """See Effect: friction may differ between two shapes of a motion."""
         return replace(self, friction=0.0)
 
+    def rotated(self, rotation: Array) -> None:
+        """See Effect: obstacles are not rotated."""
+
     def check_supported(self, contact: bool) -> None:
         """See Effect."""
         if not contact:

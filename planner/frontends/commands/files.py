@@ -25,6 +25,7 @@ from octoplan.planner.frontends.io.fit_files import (
 )
 from octoplan.planner.frontends.io.records import (
     AccuracyRecord,
+    CheckRecord,
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
@@ -177,6 +178,7 @@ RECORDS: dict[str, type[msgspec.Struct]] = {
     "settle": ShapeRecord,
     "stiffness": StiffnessRecord,
     "accuracy": AccuracyRecord,
+    "check": CheckRecord,
     "effects": EffectsRecord,
     "sweep": SweepRecord,
     "calibrate": CalibrationRecord,

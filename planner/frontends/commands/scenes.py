@@ -16,6 +16,7 @@ from octoplan.model.settle import ACCURACY
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.text import plotted, to_text
 from octoplan.planner.frontends.accuracy_study import accuracy_study
+from octoplan.planner.frontends.arm_check import check_arm
 from octoplan.planner.frontends.bodies.files import What, export_shape
 from octoplan.planner.frontends.c_code.export import TAKEN, export_plan
 from octoplan.planner.frontends.c_code.export import export as export_map
@@ -38,8 +39,10 @@ from octoplan.planner.frontends.io.calls import (
     run_trajectory,
 )
 from octoplan.planner.frontends.io.csv_files import motion_csv, plan_csv, shape_csv
+from octoplan.planner.frontends.io.mistakes import error_context
 from octoplan.planner.frontends.io.records import (
     AccuracyRecord,
+    CheckRecord,
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
@@ -165,6 +168,41 @@ def effects(
         record(EffectsRecord, switches, accuracy=fine, tolerance=tolerance, length_m=length),
         "effects",
         lambda: figure("results", "plot_effects")(switches, length, tolerance),
+    )
+
+
+def check(
+    scene: ScenePath,
+    /,
+    *,
+    samples: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    options: FileOptions = _DEFAULT,
+) -> Output:
+    """Settle random tensions within the limits of the scene in several ways; compare the tips.
+
+    The ways are coarser accuracies, another integrator, base and loads rotated, and loads that act
+    after the tensions.
+
+    Parameters
+    ----------
+    samples
+        Number of tension sets (20).
+    seed
+        Seed of the random numbers (0).
+    """
+    question = options.loaded(scene)
+    check_complete(question, "limits")
+    keys = ("tension_max", "tension_min", "total_pull")
+    limits = {key: question.options[key] for key in keys if key in question.options}
+    with error_context(question.name, "limits"):
+        result = check_arm(question.arm, question.scene, **limits, samples=samples, seed=seed)
+    return Output(
+        lambda: to_text(result),
+        record(CheckRecord, result),
+        "check",
+        result.plot,
+        reached=result.passed,
     )
 
 

@@ -18,6 +18,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.accuracy_study import AccuracyPoint
+from octoplan.planner.frontends.arm_check import Comparison
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.io.codec import hints_of
 from octoplan.planner.frontends.io.files import versions
@@ -218,6 +219,24 @@ class AccuracyRecord(Record, kw_only=True):
     planning: Annotated[list[AccuracyPointRecord], _points("planning")]
     reference: Annotated[float, about("smaller errors are not resolved")]
     reference_scheme: Annotated[str, about("method of the reference")]
+
+
+ComparisonRecord: Any = derived(Comparison)
+
+
+class CheckRecord(Record, kw_only=True):
+    """Random tensions, and the comparisons of their shapes."""
+
+    schema: Annotated[Literal["octoplan check 1"], Schema]
+    outcome: Annotated[str, about("the result in one or two sentences")]
+    passed: bool
+    tensions_N: Annotated[Matrix, about("one row per set, in tendon order")]
+    settled: Annotated[list[bool], about("whether each set has a reference shape")]
+    refusals: Annotated[list[str], about("errors of the sets without a reference shape")]
+    comparisons: Annotated[
+        list[ComparisonRecord],
+        about(of=lambda check: records(ComparisonRecord, check.comparisons)),
+    ]
 
 
 EffectRecord: Any = derived(Switch)

@@ -9,6 +9,7 @@ from octoplan.planner.frontends.plots.motion import (
 from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains
 from octoplan.planner.frontends.plots.results import (
     plot_accuracy,
+    plot_check,
     plot_effects,
     plot_ellipsoids,
     plot_residuals,
@@ -17,6 +18,7 @@ from octoplan.planner.frontends.plots.results import (
 __all__ = [
     "animate_trajectory",
     "plot_accuracy",
+    "plot_check",
     "plot_effects",
     "plot_ellipsoids",
     "plot_motion",

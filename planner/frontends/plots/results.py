@@ -14,6 +14,7 @@ from octoplan.model.paths import Array
 from octoplan.model.stiffness import Stiffness
 from octoplan.model.support.checks import kind
 from octoplan.planner.frontends.accuracy_study import AccuracyStudy
+from octoplan.planner.frontends.arm_check import ArmCheck
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.plots.arm import draw_arm, set_best_view, set_limits
 from octoplan.planner.frontends.plots.style import INK, MM, SIZE, make_axes, set_labels, several
@@ -25,6 +26,8 @@ _LINE = "#7a0c2b"
 _MATTERS = "#b3123f"
 _IDLE = "#9aa0a6"
 _COST = "#1f6fb4"
+# Smallest disagreement that is drawn: rounding.
+_LEAST_GAP = 1e-17
 # Distance in decades below which two points of a curve share a label: time, error.
 _NEAR_TIME = 0.2
 _NEAR_ERROR = 0.35
@@ -258,3 +261,32 @@ def _labels(
         right = max(group, key=lambda i: times[i])
         labels.append((text, times[right], errors[right]))
     return labels
+
+
+def plot_check(result: ArmCheck, ax: Axes | None = None) -> Figure | Axes:
+    """Draw the disagreements of an ArmCheck, one row per comparison, with the allowed maxima.
+
+    Returns a new Figure, or the given axes.
+    """
+    kind("result", result, ArmCheck)
+    shown, ax = make_axes(ax, (7.2, 1.4 + 0.36 * len(result.comparisons)))
+    rows = range(len(result.comparisons))
+    for row, each in zip(rows, result.comparisons, strict=True):
+        gaps = np.maximum(each.disagreements, _LEAST_GAP)
+        ax.plot(gaps, row + np.linspace(-0.2, 0.2, gaps.size), "o", color=_COST, ms=4, alpha=0.6)
+        colour = _MATTERS if each.is_error else INK
+        ax.plot([each.allowed] * 2, [row - 0.35, row + 0.35], color=colour, lw=2)
+    ax.plot([], [], "o", color=_COST, ms=4, label="a tension set")
+    ax.plot([], [], color=_MATTERS, lw=2, label="allowed")
+    if not all(each.is_error for each in result.comparisons):
+        ax.plot([], [], color=INK, lw=2, label="another equilibrium")
+    names = [f"{each.name} ({len(each.refusals)} refused)" for each in result.comparisons]
+    ax.set_yticks(rows, names)
+    ax.invert_yaxis()
+    ax.set_xscale("log")
+    set_labels(ax, "distance of the tips [L]", grid=True)
+    ax.set_title(
+        f"{int(result.settled.sum())} of {result.settled.size} tension sets settle", fontsize=SIZE
+    )
+    ax.legend(fontsize=SIZE - 1, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return shown  # type: ignore[no-any-return]
