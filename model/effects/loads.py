@@ -177,6 +177,11 @@ class PointLoad(Effect):
         """Return the load without force and moment."""
         return replace(self, force=_NONE, moment=None if self.moment is None else _NONE)
 
+    def rotated(self, rotation: Array) -> Effect:
+        """Return the load with rotated force and moment."""
+        moment = None if self.moment is None else rotate(rotation, self.moment)
+        return replace(self, force=rotate(rotation, self.force), moment=moment)
+
 
 @value
 class LineLoad(Effect):
@@ -234,8 +239,11 @@ class LineLoad(Effect):
         return replace(self, force=_NONE, moment=_NONE)
 
     def rotated(self, rotation: Array) -> Effect:
-        """Return the load with rotated force."""
-        return replace(self, force=rotate(rotation, self.force))
+        """Return the rotated load; a follower has the frames of the cross-sections."""
+        if self.follower:
+            return self
+        force = rotate(rotation, self.force)
+        return replace(self, force=force, moment=rotate(rotation, self.moment))
 
 
 @value

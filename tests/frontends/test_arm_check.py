@@ -16,6 +16,7 @@ from octoplan.model import Arm, InputError, Scene, conical, settle
 from octoplan.model.effects import (
     Current,
     Extension,
+    LineLoad,
     PointLoad,
     PointMass,
     TipLoad,
@@ -33,6 +34,9 @@ LOADS = {
     "weight": Weight((1.0, 2.0, -3.0)),
     "tip load": TipLoad((1e-3, 2e-3, 3e-3), (1e-5, 0.0, 2e-5)),
     "follower": TipLoad((1e-3, 2e-3, 3e-3), follower=True),
+    "point moment": PointLoad(0.2, (1e-3, 0.0, 2e-3), moment=(1e-5, 0.0, 2e-5)),
+    "line load": LineLoad((1e-2, 2e-2, 3e-2), (1e-4, 0.0, 2e-4), begin=0.1),
+    "line follower": LineLoad((1e-2, 2e-2, 3e-2), (1e-4, 0.0, 2e-4), follower=True),
     "point load": PointLoad(0.2, (1e-3, 2e-3, 3e-3)),
     "current": Current((0.02, 0.05, -0.03)),
 }
