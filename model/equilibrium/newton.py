@@ -190,8 +190,8 @@ class _Iteration:
         share = KINK_DAMPING if self.is_nonsmooth and not self.contracts(size) else 1.0
         share = min(share, self.max_rotation / max(rotation, self.max_rotation))
         self.x[-step.size :] += share * step
-        # The next step would be about size^2 / last_size.
-        is_small = size < tolerance or size**2 < tolerance * self.last_size
+        # The next step would be about size^2 / last_size. Squares of diverged steps overflow.
+        is_small = size < tolerance or size < np.sqrt(tolerance * self.last_size)
         if rotation <= self.max_rotation and is_small:
             self.result = self._equilibrium(point.system)
             return

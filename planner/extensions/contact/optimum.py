@@ -24,8 +24,8 @@ from octoplan.planner.limits import natural_tensions
 _STEPS = 100
 # First trust region, in units of the tensions that bend the arm by 1 rad.
 _RADIUS = 0.25
-# First penalty of violations. Below the violation, failed steps lower the penalty and learn kinks.
-_FIRST_PENALTY, _NEARLY = 10.0, 1e-2
+# First penalty of violations.
+_FIRST_PENALTY = 10.0
 # Smallest and largest penalty of violations.
 _PENALTIES = (1e-3, 1e5)
 # Violations and steps below this count as 0.
@@ -108,10 +108,7 @@ def _iterates(
 
     A step fails if the shape does not settle, or if the merit exceeds the largest recent merit:
     steps along curved constraints violate the constraints a little. The next step is shorter. If
-    the constraints are nearly met, the step also accounts for the kink between both points, and for
-    a smaller penalty: a penalty larger than the multipliers need would keep steps as short as
-    constraints are straight. If steps are too short to count, probes confirm the kinks, or find a
-    step of descent.
+    steps are too short to count, probes find the kinks nearby, or a step of descent.
     """
     natural, n = natural_tensions(program.task.arm) / program.unit, program.n
     radius, penalty, recent = _RADIUS, _FIRST_PENALTY, [at]
@@ -138,9 +135,6 @@ def _iterates(
         with suppress(OctoplanError):
             there = program.at(at.tensions + step.change, at.point, step.tangential)
         if there is None or there.merit(penalty) > most:
-            if there is not None and max(at.violation, there.violation) < _NEARLY:
-                kinks = with_kink(kinks, Kink.between(at, there))
-                penalty = max(penalty / 10, min(2 * step.multiplier, penalty), _PENALTIES[0])
             continue
         piece = step.piece
         if there.by_tensions.shape == piece.by_tensions.shape:
