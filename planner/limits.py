@@ -115,7 +115,7 @@ def each_tendon(arm: Arm, name: str, values: Any) -> Array:
     if not is_several(values):
         number = float(numbers(name, values, "a number, or one for each tendon"))
         if not number >= 0:
-            raise InputError(name, values, "0 or a number above it")
+            raise InputError(name, values, "a number >= 0")
         return np.full(arm.n_tendons, number)
     flat = arm.flat(_finite(values), name)
     return np.where(flat >= LARGEST, np.inf, flat)

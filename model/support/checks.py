@@ -111,7 +111,7 @@ def not_negative(field: str, value: Any) -> float:
     """Return a value as a finite float of at least zero."""
     number = finite(field, value)
     if number < 0:
-        raise InputError(field, value, "0 or a number above it")
+        raise InputError(field, value, "a number >= 0")
     return number
 
 
@@ -140,8 +140,14 @@ def orthonormal(
     """Return an orthonormal frame (3, 3), by columns, as nested tuples."""
     frame = finite_array(field, value, (3, 3))
     square = np.clip(frame, -2, 2)
-    is_one = np.allclose(square.T @ square, np.eye(3), atol=rounding)
-    if not is_one or (right_handed and np.linalg.det(square) < 0):
-        allowed = "a right-handed orthonormal frame" if right_handed else "an orthonormal frame"
-        raise InputError(field, value, allowed)
+    allowed = "a right-handed orthonormal frame" if right_handed else "an orthonormal frame"
+    lengths = np.linalg.norm(square, axis=0)
+    for k in np.flatnonzero(~np.isclose(lengths**2, 1.0, atol=rounding)).tolist():
+        raise InputError(field, value, f"{allowed}; column {k} has length {lengths[k]:.6g}")
+    for i, k in ((0, 1), (0, 2), (1, 2)):
+        product = float(square[:, i] @ square[:, k])
+        if abs(product) > rounding:
+            raise InputError(field, value, f"{allowed}; columns {i} and {k} are not orthogonal")
+    if right_handed and np.linalg.det(square) < 0:
+        raise InputError(field, value, f"{allowed}; this one has det = -1")
     return tuple(map(tuple, frame.tolist()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -355,3 +356,16 @@ def test_errors_travel_between_processes(error: OctoplanError) -> None:
 def test_an_arm_of_which_no_error_is_known_is_not_settled(reached: float) -> None:
     """The arm was settled with an error of NaN."""
     assert str(ConvergenceError(1e-8, reached, "x")) == "the arm was not settled; x"
+
+
+@pytest.mark.parametrize(
+    ("frame", "reason"),
+    [
+        (((2, 0, 0), (0, 1, 0), (0, 0, 1)), "column 0 has length 2"),
+        (((1, 0, 0), (0, 1, 0.6), (0, 0, 0.8)), "columns 1 and 2 are not orthogonal"),
+        (((1, 0, 0), (0, 1, 0), (0, 0, -1)), "det = -1"),
+    ],
+)
+def test_a_wrong_frame_is_refused_with_the_reason(frame: Any, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        replace(Arm.from_paper("table-4"), base_frame=frame)
