@@ -82,7 +82,7 @@ class Limits:
         warn_unusual("stroke_max", (high / arm.length).tolist(), STROKE)
         paid_out = high
         if least is not None:
-            allowed = "0 or a number below it, or one for each tendon"
+            allowed = "a number <= 0, or one for each tendon"
             negative = numbers("stroke_min", least, allowed)
             if not np.all(negative <= 0):
                 raise InputError("stroke_min", least, allowed)

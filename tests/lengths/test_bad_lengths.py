@@ -43,17 +43,17 @@ LENGTHS: list[tuple[str, str, dict[str, Any]]] = [
     ("lengths", "as printed", {"lengths": REST, "scene": Scene.as_printed()}),
     ("tendon_EA", "above 0", {"lengths": REST, "tendon_EA": -1.0}),
     ("tendon_EA", "no lengths", {"tensions": np.zeros(12), "tendon_EA": 1.0}),
-    ("tendon_outside", "0 or a number above", {"lengths": REST, "tendon_outside": -1.0}),
+    ("tendon_outside", "a number >= 0", {"lengths": REST, "tendon_outside": -1.0}),
     ("tendon_outside", "no lengths", {"tensions": np.zeros(12), "tendon_outside": 1.0}),
     ("near", "a Shape", {"lengths": REST, "near": 3}),
     ("near", "the same", {"lengths": REST, "near": settle(cylinder((0.2,)), np.zeros(4))}),
 ]
 STROKES: list[tuple[str, str, dict[str, Any]]] = [
-    ("stroke_max", "0 or a number above", {"stroke_max": -0.01}),
+    ("stroke_max", "a number >= 0", {"stroke_max": -0.01}),
     ("stroke_max", "12 numbers", {"stroke_max": [0.01] * 3}),
     ("stroke_max", "a number, or one", {"stroke_max": "far"}),
-    ("stroke_min", "0 or a number below", {"stroke_min": 0.01}),
-    ("stroke_min", "0 or a number below", {"stroke_min": np.nan}),
+    ("stroke_min", "a number <= 0", {"stroke_min": 0.01}),
+    ("stroke_min", "a number <= 0", {"stroke_min": np.nan}),
     ("stroke_min", "12 numbers", {"stroke_min": [-0.01] * 3}),
     ("scene", "settle", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
     *(

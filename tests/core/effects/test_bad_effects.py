@@ -40,12 +40,12 @@ FORCE = (0.0, 0.0, -1e-3)
 TIP = TipPosition((0.2, 0.05, 0.0))
 
 NUMBERS: dict[str, tuple[Callable[[Any], Effect], str]] = {
-    "Buoyancy.density": (Buoyancy, "0 or a number above"),
-    "Current.density": (lambda x: Current(FORCE, density=x), "0 or a number above"),
-    "Current.coefficient": (lambda x: Current(FORCE, coefficient=x), "0 or a number above"),
-    "Friction.mu": (Friction, "0 or a number above"),
-    "PointLoad.s": (lambda x: PointLoad(x, FORCE), "0 or a number above"),
-    "PointMass.mass": (lambda x: PointMass(0.1, x), "0 or a number above"),
+    "Buoyancy.density": (Buoyancy, "a number >= 0"),
+    "Current.density": (lambda x: Current(FORCE, density=x), "a number >= 0"),
+    "Current.coefficient": (lambda x: Current(FORCE, coefficient=x), "a number >= 0"),
+    "Friction.mu": (Friction, "a number >= 0"),
+    "PointLoad.s": (lambda x: PointLoad(x, FORCE), "a number >= 0"),
+    "PointMass.mass": (lambda x: PointMass(0.1, x), "a number >= 0"),
     "Shear.k_s": (Shear, "above 0"),
 }
 NO_NUMBERS = {
