@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from octoplan.model.extensions.printed import *
     from octoplan.planner import *
     from octoplan.planner.extensions.contact import *
-    from octoplan.planner.frontends.plots import *
     from octoplan.planner.targets import *
 
     __version__: str
@@ -39,7 +38,6 @@ _MODULES = (
     "octoplan.planner",
     "octoplan.planner.extensions",
     "octoplan.planner.targets",
-    "octoplan.planner.frontends.plots",
 )
 _ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 

@@ -28,7 +28,7 @@ from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
 from octoplan.model.tendons import strokes
 from octoplan.planner.certificate import MOST_LOADS, Certificate, Optimality
 from octoplan.planner.entry_points import CERTIFICATE_CHECKS, load
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import PlanningProblem
 
 
@@ -130,7 +130,7 @@ def _extension_fields(
     return fields
 
 
-def tension_excess(tensions: Array, limits: Limits) -> float:
+def tension_excess(tensions: Array, limits: TendonLimits) -> float:
     """Return the largest violation of a limit of tensions [N]."""
     total = np.inf if limits.total is None else limits.total * (1 + 1e-9)
     beyond = limits.lower - tensions, tensions - limits.upper, [tensions.sum() - total, 0.0]

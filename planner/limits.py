@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +14,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import LARGEST, finite_array, is_several, numbers
+from octoplan.model.support.checks import LARGEST, finite_array, is_several, kind, numbers
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
 
@@ -24,7 +24,40 @@ NATURAL_RANGE = 5.0
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on the tensions and on the strokes of winches.
+    """Limits of tensions and strokes, as an argument of `plan` and `trajectory`.
+
+    Each limit of a tendon is one number for all tendons, or one for each: a flat sequence in tendon
+    order, or one row per section. Sequences and arrays are kept as tuples. The functions that take
+    the limits check them with the arm.
+
+    Attributes
+    ----------
+    tension_max, tension_min : float, or one for each tendon
+        Largest and smallest tension [N]; infinite and 0 unless given.
+    total_pull : float or None
+        Largest sum of all tensions [N]; no limit unless given.
+    stroke_max : float, or one for each tendon, or None
+        Largest stroke: the length that a winch takes in from its zero [m]. Slack tendons count, too
+        (`Plan.strokes`). No limit unless given.
+    stroke_min : float, or one for each tendon, or None
+        Smallest stroke, 0 or below: minus the length that a winch can pay out [m]; minus
+        `stroke_max` unless given.
+    """
+
+    tension_max: Any = np.inf
+    tension_min: Any = 0.0
+    total_pull: float | None = None
+    stroke_max: Any = None
+    stroke_min: Any = None
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            object.__setattr__(self, item.name, _as_tuples(getattr(self, item.name)))
+
+
+@dataclass(frozen=True)
+class TendonLimits:
+    """Bounds on the tensions and strokes of an arm's tendons, with one number for each.
 
     Attributes
     ----------
@@ -45,7 +78,7 @@ class Limits:
     stroke_zero: tuple[float, ...] | None = None
 
     @classmethod
-    def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
+    def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> TendonLimits:
         """Return limits for an arm from a number for all tendons, or one for each.
 
         Raise InputError for negative numbers, NaN, a lower bound above the upper bound or above
@@ -71,7 +104,7 @@ class Limits:
             raise InputError("total_pull", total, f"{low.sum():g} N, the sum of minima, or above")
         return cls(tuple(high.tolist()), tuple(low.tolist()), total)
 
-    def with_strokes(self, arm: Arm, most: Any, least: Any = None) -> Limits:
+    def with_strokes(self, arm: Arm, most: Any, least: Any = None) -> TendonLimits:
         """Return the limits with bounds on strokes, see `plan`; None for no bound.
 
         Raise InputError for an upper bound below 0, or a lower bound above 0.
@@ -90,7 +123,7 @@ class Limits:
             warn_unusual("stroke_min", (paid_out / arm.length).tolist(), STROKE)
         return replace(self, strokes=(tuple((0.0 - paid_out).tolist()), tuple(high.tolist())))
 
-    def of_tendons(self, pulling: Collection[int]) -> Limits:
+    def of_tendons(self, pulling: Collection[int]) -> TendonLimits:
         """Return the limits with all other tendons fixed at the lower bounds."""
         both = enumerate(zip(self.lower, self.upper, strict=True))
         upper = tuple(most if j in pulling else least for j, (least, most) in both)
@@ -101,11 +134,7 @@ class Limits:
         """The limits as keyword arguments of `plan`."""
         least, most = self.strokes or (None, None)
         return {
-            "tension_min": np.array(self.lower),
-            "tension_max": np.array(self.upper),
-            "total_pull": self.total,
-            "stroke_min": least,
-            "stroke_max": most,
+            "limits": Limits(self.upper, self.lower, self.total, most, least),
             "stroke_zero": "straight" if self.stroke_zero is None else self.stroke_zero,
         }
 
@@ -119,6 +148,13 @@ def each_tendon(arm: Arm, name: str, values: Any) -> Array:
         return np.full(arm.n_tendons, number)
     flat = arm.flat(_finite(values), name)
     return np.where(flat >= LARGEST, np.inf, flat)
+
+
+def _as_tuples(values: Any) -> Any:
+    """Return nested sequences and arrays as nested tuples; other values as they are."""
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    return tuple(map(_as_tuples, values)) if is_several(values) else values
 
 
 def _finite(values: Any) -> Any:
@@ -159,20 +195,36 @@ def checked_limits(
     arm: Arm,
     scene: Scene,
     tension_max: Any = np.inf,
-    tension_min: Any = 0.0,
-    total_pull: float | None = None,
-    stroke_max: Any = None,
-    stroke_min: Any = None,
+    limits: Limits | None = None,
     stroke_zero: Any = "straight",
     **_: Any,
-) -> Limits:
+) -> TendonLimits:
     """Return the limits from arguments of `plan`; ignore other arguments.
 
     Raise InputError, and the errors of `settle` if `stroke_zero` is "at rest".
     """
-    limits = Limits.of(arm, tension_max, tension_min, total_pull)
-    limits = limits.with_strokes(arm, stroke_max, stroke_min)
-    return replace(limits, stroke_zero=_zeroed_at(arm, scene, stroke_zero))
+    given = all_limits(tension_max, limits)
+    bounds = TendonLimits.of(arm, given.tension_max, given.tension_min, given.total_pull)
+    bounds = bounds.with_strokes(arm, given.stroke_max, given.stroke_min)
+    return replace(bounds, stroke_zero=_zeroed_at(arm, scene, stroke_zero))
+
+
+def all_limits(tension_max: Any = np.inf, limits: Limits | None = None) -> Limits:
+    """Return the limits with `tension_max`; raise InputError if both give the largest tension."""
+    if limits is None:
+        return Limits(tension_max)
+    kind("limits", limits, Limits, "Limits(...), or None")
+    if is_unlimited(tension_max):
+        return limits
+    if not is_unlimited(limits.tension_max):
+        allowed = "omitted if the argument tension_max is given"
+        raise InputError("limits.tension_max", limits.tension_max, allowed)
+    return replace(limits, tension_max=tension_max)
+
+
+def is_unlimited(tension_max: Any) -> bool:
+    """Return whether the argument is the default: infinity for all tendons."""
+    return isinstance(tension_max, float) and tension_max == np.inf
 
 
 def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:

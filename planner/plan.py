@@ -16,7 +16,7 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, reserve, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
-from octoplan.planner.limits import checked_limits
+from octoplan.planner.limits import Limits, checked_limits
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import (
     PlanningProblem,
@@ -35,23 +35,20 @@ def plan(
     scene: Scene | None = None,
     tension_max: Any = np.inf,
     *,
-    tension_min: Any = 0.0,
-    total_pull: float | None = None,
-    norm: Any = "2",
-    accuracy: float = 1e-6,
-    starts: int | None = None,
+    limits: Limits | None = None,
     near: Plan | None = None,
-    time_limit: float | None = None,
-    stability_margin: float | None = None,
-    compile: Compile = False,  # noqa: A002  (the name that scripts use)
     obstacles: Any = (),
     clearance: float = 0.0,
     self_clearance: bool = False,
-    stroke_max: Any = None,
-    stroke_min: Any = None,
-    progress: bool | None = None,
     stroke_zero: Any = "straight",
+    accuracy: float = 1e-6,
+    stability_margin: float | None = None,
+    norm: Any = "2",
+    starts: int | None = None,
     certify: bool = True,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    time_limit: float | None = None,
+    progress: bool | None = None,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target asks for.
 
@@ -64,19 +61,10 @@ def plan(
     target : Target, or several to be met together
     scene : Scene
         The effects; the bare arm unless given.
-    tension_max, tension_min : float, or one for each tendon
-        Bounds [N]; infinite and 0 unless given.
-    total_pull : float
-        Largest sum of all tensions [N]; no limit unless given.
-    norm : "2", "1" or "inf"
-        The effort that is minimised: root of the sum of squares, sum, or largest tension.
-    accuracy : float
-        Tolerance of residuals and tip errors, over the arm's length (angles: rad).
-    starts : int
-        Number of initial guesses. Unless given, at most 14; the search stops once enough guesses
-        lead to the same optimum, which does not prove that the optimum is the best. If the guesses
-        miss the target, 8 more follow: the nearest of several hundred settled shapes, under
-        tensions sampled over the limits. Half of a given number are such shapes.
+    tension_max : float, or one for each tendon
+        Largest tension [N]; infinite unless given.
+    limits : Limits
+        Further limits: smallest tensions, the sum of the tensions, and strokes of the winches.
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene. The search begins
         at its optimum, which takes a tenth of the time. If this fails, all guesses are tried. If
@@ -85,41 +73,44 @@ def plan(
         arm moves, in a straight line of tensions, against friction; the friction of `near` may
         differ. Without `near` the arm moves from the smallest tensions, at which it must not touch
         anything. Plans with friction of contacts are for positions and poses.
-    time_limit : float
-        Time for the call [s], with shape, certificate and outcome. The search then returns the best
-        plan so far. The certificate gets the rest of the time, and at least GRACE, 1 s. In contact
-        the search ends earlier, by about the time that the arm takes to settle. `outcome` reports
-        if the limit ended the search or the certificate. The first plan for an arm and a scene
-        builds functions; the limit does not stop this.
-    stability_margin : float
-        Smallest accepted stability of the shape under its loads, 0 to 1: the smallest eigenvalue of
-        the scaled Hessian of the energy, which is 1 for an arm at rest and 0 for an arm that is
-        about to yield. With 0 the arm has to be stable. Unless given, 0.1 if attainable, otherwise
-        the best stable plan, which `outcome` reports as on the brink; 0 with friction of contacts.
-    compile : bool or "auto"
-        Whether to use machine code, see settle. In a scene as printed, and with curved tendons
-        without loads, machine code computes the shape and the certificate only.
     obstacles : sequence of Obstacle
         Bodies that the whole arm keeps clear of; see octoplan.model.extensions.obstacles.
     clearance : float
         Smallest distance of the arm's surface from the obstacles [m].
     self_clearance : bool
         Whether the arm keeps the same distance from itself and from the far side of its base plane.
-    stroke_max : float, or one for each tendon
-        Largest stroke: the length that a winch takes in from its zero [m]. Slack tendons count, too
-        (`Plan.strokes`). No limit unless given.
-    stroke_min : float, or one for each tendon
-        Smallest stroke, 0 or below: minus the length that a winch can pay out [m]; minus
-        `stroke_max` unless given.
-    progress : bool
-        Whether to show a line of progress. Unless given, after two seconds, on terminals and in
-        notebooks.
     stroke_zero : "straight", "at rest", Shape, or lengths (n_tendons,)
         Zero of the winches: the straight arm without loads, the arm in the scene without tensions,
         a shape, or lengths of the tendons [m].
+    accuracy : float
+        Tolerance of residuals and tip errors, over the arm's length (angles: rad).
+    stability_margin : float
+        Smallest accepted stability of the shape under its loads, 0 to 1: the smallest eigenvalue of
+        the scaled Hessian of the energy, which is 1 for an arm at rest and 0 for an arm that is
+        about to yield. With 0 the arm has to be stable. Unless given, 0.1 if attainable, otherwise
+        the best stable plan, which `outcome` reports as on the brink; 0 with friction of contacts.
+    norm : "2", "1" or "inf"
+        The effort that is minimised: root of the sum of squares, sum, or largest tension.
+    starts : int
+        Number of initial guesses. Unless given, at most 14; the search stops once enough guesses
+        lead to the same optimum, which does not prove that the optimum is the best. If the guesses
+        miss the target, 8 more follow: the nearest of several hundred settled shapes, under
+        tensions sampled over the limits. Half of a given number are such shapes.
     certify : bool
         Whether to compute shape, certificate and outcome before returning. Pass False in loops that
         need tensions alone; the plan then computes shape and certificate at their first reading.
+    compile : bool or "auto"
+        Whether to use machine code, see settle. In a scene as printed, and with curved tendons
+        without loads, machine code computes the shape and the certificate only.
+    time_limit : float
+        Time for the call [s], with shape, certificate and outcome. The search then returns the best
+        plan so far. The certificate gets the rest of the time, and at least GRACE, 1 s. In contact
+        the search ends earlier, by about the time that the arm takes to settle. `outcome` reports
+        if the limit ended the search or the certificate. The first plan for an arm and a scene
+        builds functions; the limit does not stop this.
+    progress : bool
+        Whether to show a line of progress. Unless given, after two seconds, on terminals and in
+        notebooks.
 
     Returns
     -------
@@ -138,14 +129,13 @@ def plan(
     scene = planned_scene(arm, scene)
     targets = check_targets(arm, target)
     seconds = None if time_limit is None else positive("time_limit", time_limit)
-    strokes = (stroke_max, stroke_min, stroke_zero)
-    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
+    bounds = checked_limits(arm, scene, tension_max, limits, stroke_zero)
     problem = PlanningProblem(
         arm,
         targets,
         scene,
-        limits,
-        checked_options(targets, limits, norm, starts),
+        bounds,
+        checked_options(targets, bounds, norm, starts),
         checked_accuracy(accuracy),
         machine_code=checked_compile(compile),
         guesses=starts,

@@ -274,7 +274,7 @@ class Plan(TextRepr):
             near=self,
             stability_margin=problem.options.margin,
             compile=problem.machine_code,
-            **problem.limits.keywords | {"tension_min": least},
+            **replace(problem.limits, lower=tuple(least.tolist())).keywords,
             **self._obstacle_keywords(),
         )
         return result

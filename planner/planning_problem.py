@@ -22,13 +22,14 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.target_set import TargetSet
 
 if TYPE_CHECKING:
-    from octoplan.model.extensions.obstacles import Moving, Obstacle
+    from octoplan.model.extensions.obstacles import Moving
+    from octoplan.model.extensions.obstacles.base import Obstacle
 
 # Default for the largest number of initial guesses.
 MAX_GUESSES = 14
@@ -84,7 +85,7 @@ class PlanningProblem:
     arm : Arm
     targets : tuple of Target
     scene : Scene
-    limits : Limits
+    limits : TendonLimits
         Limits of all tendons. `allowed` fixes the tendons that a target excludes.
     options : NlpOptions
         The search replaces mode, mesh and margin. The problem of a plan has the last options.
@@ -106,7 +107,7 @@ class PlanningProblem:
     arm: Arm
     targets: tuple[Target, ...]
     scene: Scene
-    limits: Limits
+    limits: TendonLimits
     options: NlpOptions
     accuracy: float
     environment: Environment = NOTHING
@@ -131,7 +132,7 @@ class PlanningProblem:
         return Scene(*[Extension()] * self.scene.has(Extension))
 
     @property
-    def allowed(self) -> Limits:
+    def allowed(self) -> TendonLimits:
         """The limits, with excluded tendons fixed at the minimum tension."""
         return self.limits.of_tendons(self.target_set.tendons)
 
@@ -189,9 +190,9 @@ def planned_scene(arm: Arm, scene: Scene | None) -> Scene:
 
 
 def checked_options(
-    targets: tuple[Target, ...], limits: Limits, norm: Any, starts: Any
+    targets: tuple[Target, ...], limits: TendonLimits, norm: Any, starts: Any
 ) -> NlpOptions:
-    """Return the options for arguments of `plan`."""
+    """Return the options for arguments of `plan`; raise InputError."""
     unbounded = limits.total is None and bool(np.isinf(limits.upper).any())
     is_count = type(starts) is int and starts >= 1
     norms = "2 (least squares), 1 (least total pull) or inf"

@@ -37,7 +37,7 @@ from octoplan.planner.blocks import (
     equilibrium_parameters,
     equilibrium_scales,
 )
-from octoplan.planner.limits import NATURAL_RANGE, Limits, effort_unit, natural_tensions
+from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, effort_unit, natural_tensions
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program import Program, Structure, program_of
@@ -71,7 +71,7 @@ class Problem:
     task : PlanningProblem
         Arm, scene, targets, limits and accuracy.
     options : NlpOptions
-    limits : Limits
+    limits : TendonLimits
         Limits of the tendons. Tendons that targets exclude are fixed at the minimum.
     target_set : TargetSet
     blocks : tuple of Block
@@ -346,7 +346,7 @@ def factorised(matrix: csc_array) -> SuperLU:
 
 
 @lru_cache(maxsize=32)
-def tension_scales(arm: Arm, limits: Limits) -> Array:
+def tension_scales(arm: Arm, limits: TendonLimits) -> Array:
     """Return the scale of each tension [N]: the tension that bends the arm by some rad."""
     natural, upper = NATURAL_RANGE * natural_tensions(arm), np.array(limits.upper)
     result = np.where(_without_effect(arm, upper), natural, np.minimum(upper, natural))

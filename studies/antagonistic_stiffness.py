@@ -33,8 +33,9 @@ from octoplan.model import Anchorage, Arm, Linear, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, NeoHookean
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import Hold
-from octoplan.planner import Limits, Plan, plan, stiffness
+from octoplan.planner import Plan, plan, stiffness
 from octoplan.planner.frontends.plots.results import plot_ellipsoids
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets import (
     Bend,
     BendingPlane,
@@ -122,7 +123,13 @@ def front(arm: Arm, scene: Scene, point: Array, factors: Array) -> list[tuple[fl
     rest = 1 / stiffness(arm, free.tensions, scene).compliance[2, 2]
     results = [(1.0, free.effort)]
     for factor in factors:
-        p = plan(arm, [target, MinimumStiffness(along, factor * rest)], scene, 10.0, starts=2)
+        p = plan(
+            arm,
+            [target, MinimumStiffness(along, factor * rest)],
+            scene,
+            10.0,
+            starts=2,
+        )
         if p.certificate.passed:
             results.append((float(factor), p.effort))
     return results
@@ -138,7 +145,7 @@ def co_contracted_plans(
         for statics, scene in scenes.items():
             arm = Arm.from_paper(name)
             unwound = plan(arm, target, scene, np.repeat(UNWOUND_LIMITS, 4))
-            problem = replace(unwound.problem, limits=Limits.of(arm, MAXIMUM))
+            problem = replace(unwound.problem, limits=TendonLimits.of(arm, MAXIMUM))
             first = replace(unwound, problem=problem)
             plans = [p for level in levels if (p := first.co_contract(level)).certificate.passed]
             table[shape][statics] = {

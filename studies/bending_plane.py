@@ -24,9 +24,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from octoplan.model import Arm, CollapsedError, Scene, settle
+from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.model.paths import Array
+from octoplan.model.support.errors import CollapsedError
 from octoplan.planner import Measured, Plan, calibrate, plan
 from octoplan.planner.targets import BendingPlane
 from studies.calibration import BODY, LINEAR, POSE, shapes

@@ -29,7 +29,8 @@ from scipy.optimize import least_squares
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Weight
 from octoplan.model.paths import Array
-from octoplan.planner import Calibration, Measured, Unknown, calibrate
+from octoplan.planner import Measured, Unknown, calibrate
+from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.least_squares import Loss
 from octoplan.planner.extensions.fit.residuals import mean_distance
 from studies.reporting import asked

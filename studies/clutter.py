@@ -25,7 +25,8 @@ import numpy as np
 
 from octoplan.model import Arm, Scene, Shape
 from octoplan.model.effects import Extension
-from octoplan.model.extensions.obstacles import Capsule, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Capsule, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import TipPosition

@@ -27,7 +27,8 @@ from scipy.stats import qmc
 from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.model.paths import Array
-from octoplan.planner import Design, ManufacturingLimits, Unknown, design, plan
+from octoplan.planner import ManufacturingLimits, Unknown, design, plan
+from octoplan.planner.extensions.fit.designed import Design
 from octoplan.planner.targets import Bend, Fetch, TipPosition
 from studies.reporting import asked
 

@@ -7,19 +7,11 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from octoplan.model import (
-    Arm,
-    CollapsedError,
-    ConvergenceError,
-    OctoplanError,
-    Scene,
-    Shape,
-    SnapError,
-    conical,
-    settle,
-)
+from octoplan.model import Arm, OctoplanError, Scene, Shape, SnapError, settle
+from octoplan.model.arm import conical
 from octoplan.model.effects import Buoyancy, Extension, Weight
 from octoplan.model.paths import Array
+from octoplan.model.support.errors import CollapsedError, ConvergenceError
 from octoplan.planner.targets import (
     Backbone,
     Bend,

@@ -27,7 +27,9 @@ from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.effects import Extension
 from octoplan.planner import Plan, plan
 from octoplan.planner.frontends.plots.plan import plot_shape
-from octoplan.planner.targets import Bend, Fetch, FetchReach
+from octoplan.planner.limits import Limits
+from octoplan.planner.targets import Bend, Fetch
+from octoplan.planner.targets.fetch import FetchReach
 from studies.reporting import asked
 
 SCENE = Scene(Extension())
@@ -68,14 +70,20 @@ def least_pull(kind: str) -> Plan:
 def equal_bends(bend: float, planes: Sequence[float]) -> float:
     """Return the least total pull [N] for three equal bends in planes [deg], base to tip."""
     bends = [Bend(float(np.radians(bend)), float(np.radians(plane))) for plane in planes]
-    result = plan(Arm.from_paper("table-4"), Fetch(*bends), SCENE, PAPER_LIMITS, norm="1")
+    result = plan(
+        Arm.from_paper("table-4"),
+        Fetch(*bends),
+        SCENE,
+        PAPER_LIMITS,
+        norm="1",
+    )
     return result.effort if result.reached else float("nan")
 
 
 def nearest(kind: str, budget: float) -> Plan:
     """Return the fetch with the tip nearest to the mouth, for a total pull up to `budget` [N]."""
     arm = Arm.from_paper("table-4")
-    return plan(arm, KINDS[kind], SCENE, MAXIMUM, total_pull=budget)
+    return plan(arm, KINDS[kind], SCENE, MAXIMUM, limits=Limits(total_pull=budget))
 
 
 def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:

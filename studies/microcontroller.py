@@ -28,7 +28,8 @@ from pathlib import Path
 from typing import Any
 
 from octoplan.model import Arm, Scene
-from octoplan.planner import Plan, export, export_plan, plan
+from octoplan.planner import Plan, export, plan
+from octoplan.planner.frontends.c_code.export import export_plan
 from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.targets import TipPosition
 from studies.reporting import asked

@@ -68,7 +68,8 @@ from octoplan.model.effects import (
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.planner import NlpOptions, Plan, plan
+from octoplan.planner import Plan, plan
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem

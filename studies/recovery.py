@@ -25,15 +25,8 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
-from octoplan.model.effects import (
-    Buoyancy,
-    Effect,
-    ExactTendons,
-    Extension,
-    NeoHookean,
-    PointMass,
-    Weight,
-)
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, PointMass, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.planner import Measured, Unknown, calibrate
 from studies.reporting import asked
 

@@ -30,7 +30,8 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import tip_jacobian
-from octoplan.planner import Limits, NlpOptions
+from octoplan.planner.limits import TendonLimits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.relaxation_stage import solve_from_guess
@@ -116,7 +117,7 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
     rows: dict[str, list[tuple[bool, bool, float]]] = defaultdict(list)
     for i in range(targets):
         tip = shape(arm, scene, rng, i % 3).tip
-        limits = Limits.of(arm, MAXIMUM)
+        limits = TendonLimits.of(arm, MAXIMUM)
         target = (TipPosition(tuple(tip)),)
         search = Search(PlanningProblem(arm, target, scene, limits, NlpOptions(), 1e-6))
         initial_guesses = list(islice(search.guesses(), guesses))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import octoplan
+from octoplan.model.support.units import UnitWarning
 
 ROOT = Path(__file__).parents[1]
 
@@ -26,7 +27,6 @@ def test_octoplan_has_the_public_names_of_its_packages() -> None:
     import octoplan.model.effects
     import octoplan.model.extensions.contact
     import octoplan.model.extensions.obstacles
-    import octoplan.model.extensions.printed
     import octoplan.planner
     import octoplan.planner.targets
 
@@ -35,7 +35,6 @@ def test_octoplan_has_the_public_names_of_its_packages() -> None:
         octoplan.model.effects,
         octoplan.model.extensions.contact,
         octoplan.model.extensions.obstacles,
-        octoplan.model.extensions.printed,
         octoplan.planner,
         octoplan.planner.targets,
     ):
@@ -65,7 +64,7 @@ def test_packages_load_when_they_are_named(tmp_path: Path) -> None:
 def test_files_of_the_user_do_not_hide_its_packages(tmp_path: Path) -> None:
     for name in ("model", "planner"):
         (tmp_path / f"{name}.py").write_text("raise RuntimeError\n")
-    (tmp_path / "script.py").write_text("from octoplan import Arm, Weight, plan, plot_motion\n")
+    (tmp_path / "script.py").write_text("from octoplan import Arm, Weight, plan, trajectory\n")
     found = ran(tmp_path, "script.py")
     assert (found.returncode, found.stderr) == (0, "")
 
@@ -82,7 +81,7 @@ def test_a_name_that_is_nearly_one_is_suggested() -> None:
 
 def test_warnings_point_at_the_line_of_the_caller() -> None:
     arm = octoplan.Arm.from_paper("table-4")
-    with pytest.warns(octoplan.UnitWarning) as told:
+    with pytest.warns(UnitWarning) as told:
         octoplan.settle(arm, lengths=[1e3] * 12)
     assert {own.filename for own in told} == {__file__}
 

@@ -1,6 +1,5 @@
 """The effects of the model core, which a scene may contain."""
 
-from octoplan.model.effects.base import Effect
 from octoplan.model.effects.loads import (
     Buoyancy,
     Current,
@@ -15,7 +14,6 @@ from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean,
 __all__ = [
     "Buoyancy",
     "Current",
-    "Effect",
     "ExactTendons",
     "Extension",
     "LineLoad",

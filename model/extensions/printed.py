@@ -19,8 +19,8 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import PaperSection, resultants
 from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
-from octoplan.model.effects import Effect, Extension
-from octoplan.model.effects.base import Rules
+from octoplan.model.effects import Extension
+from octoplan.model.effects.base import Effect, Rules
 from octoplan.model.integrators import RK6, RungeKutta
 from octoplan.model.mesh import graded
 from octoplan.model.paths import Array

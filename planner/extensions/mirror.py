@@ -19,12 +19,12 @@ from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.tendons import is_taut
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.target_set import TargetSet
 
 
-def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
+def _planes(arm: Arm, limits: TendonLimits) -> Iterator[tuple[float, Array]]:
     """Yield the planes that map tendons to tendons of the same section, path and limits.
 
     Yields the angle in the base's n and b, in [0, pi) [rad], and the index of the mirror image of

@@ -22,7 +22,7 @@ from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import track, with_progress
 from octoplan.model.support.text import TextRepr, counted, plotted
 from octoplan.planner.frontends.accuracy_study import reference_shape, verified_tip
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import Limits, TendonLimits, checked_limits
 from octoplan.planner.planning_problem import planned_scene
 
 # Accuracies that are compared with the reference.
@@ -150,10 +150,9 @@ class ArmCheck(TextRepr):
 def check_arm(
     arm: Arm,
     scene: Scene | None,
-    tension_max: Any,
+    tension_max: Any = np.inf,
     *,
-    tension_min: Any = 0.0,
-    total_pull: float | None = None,
+    limits: Limits | None = None,
     samples: int = 20,
     seed: int = 0,
     progress: bool | None = None,
@@ -168,10 +167,10 @@ def check_arm(
     ----------
     arm, scene
         See settle.
-    tension_max, tension_min, total_pull
-        See plan. Each tendon is at its minimum with probability 1/2, otherwise uniform between the
-        limits. The tensions of a set above the minimum have a common factor, which is
-        log-uniform from 0.01 to 1.
+    tension_max, limits
+        See plan; limits of strokes are ignored. Each tendon is at its minimum with probability
+        1/2, otherwise uniform between the limits. The tensions of a set above the minimum have a
+        common factor, which is log-uniform from 0.01 to 1.
     samples : int
         Number of tension sets.
     seed : int
@@ -189,11 +188,11 @@ def check_arm(
         raise InputError("samples", samples, "a whole number from 1")
     if type(seed) is not int or seed < 0:
         raise InputError("seed", seed, "a whole number from 0")
-    limits = Limits.of(arm, tension_max, tension_min, total_pull)
-    if not np.isfinite(limits.upper).all():
-        raise InputError("tension_max", tension_max, "finite numbers")
+    bounds = checked_limits(arm, scene, tension_max, limits)
+    if not np.isfinite(bounds.upper).all():
+        raise InputError("tension_max", bounds.upper, "finite numbers")
     rng = np.random.default_rng(seed)
-    tensions = np.array([random_tensions(limits, rng) for _ in range(samples)])
+    tensions = np.array([random_tensions(bounds, rng) for _ in range(samples)])
     rotations = [random_rotation(rng) for _ in range(samples)]
     comparisons: dict[str, tuple[list[float], list[str]]] = {
         name: ([], []) for name in _names(scene)
@@ -287,7 +286,7 @@ def _tip_with_late_loads(arm: Arm, scene: Scene, T: Array) -> Array:
     return shape.tip
 
 
-def random_tensions(limits: Limits, rng: np.random.Generator) -> Array:
+def random_tensions(limits: TendonLimits, rng: np.random.Generator) -> Array:
     """Return tensions (n_tendons,) [N] within limits; see check_arm."""
     low = np.array(limits.lower)
     high = np.array(limits.upper)

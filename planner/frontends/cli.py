@@ -19,7 +19,7 @@ from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from octoplan.command_line import COMMANDS, app, printed
-from octoplan.model import InputError, OctoplanError, UnitWarning
+from octoplan.model import InputError, OctoplanError
 from octoplan.model.support.errors import (
     CompilerError,
     MissingExtraError,
@@ -35,6 +35,7 @@ from octoplan.model.support.progress import (
     tighten_limit,
     time_limit,
 )
+from octoplan.model.support.units import UnitWarning
 from octoplan.planner.frontends.io.files import system_message, to_json, write_together
 from octoplan.planner.frontends.io.scene_file import SceneFile, load
 

@@ -9,15 +9,8 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import (
-    Buoyancy,
-    Effect,
-    ExactTendons,
-    Extension,
-    NeoHookean,
-    Shear,
-    Weight,
-)
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Shear, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, forward_map

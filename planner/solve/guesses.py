@@ -24,7 +24,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.planner.limits import NATURAL_RANGE, Limits, natural_tensions
+from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, natural_tensions
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import factorised, tension_scales
@@ -253,7 +253,7 @@ def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     return poses[..., 4:], forward.mesh.s[1:]
 
 
-def within_total(tensions: Array, limits: Limits) -> Array:
+def within_total(tensions: Array, limits: TendonLimits) -> Array:
     """Return tensions (m, n_tendons), scaled down to the limit of the total pull if there is one.
 
     All distances to the lower limits have the same factor.
@@ -276,7 +276,7 @@ class BendCoordinates:
         Number of bends: two of each section with tendons that may pull.
     """
 
-    def __init__(self, arm: Arm, tendons: frozenset[int], limits: Limits) -> None:
+    def __init__(self, arm: Arm, tendons: frozenset[int], limits: TendonLimits) -> None:
         self._limits = limits
         phi, unit = np.array([angle for _, angle in arm.tendons]), natural_tensions(arm)
         section, pulls = np.array([i for i, _ in arm.tendons]), np.array(sorted(tendons))

@@ -23,7 +23,7 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time, report
-from octoplan.planner.limits import Limits, natural_tensions
+from octoplan.planner.limits import TendonLimits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import SEARCH_WEIGHT, Problem, tension_scales
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
@@ -308,12 +308,12 @@ class Box:
 
     Attributes
     ----------
-    limits : Limits
+    limits : TendonLimits
     least, most : (n_tendons,)
         The range of the levels above the lower limits [N].
     """
 
-    limits: Limits
+    limits: TendonLimits
     least: Array
     most: Array
 

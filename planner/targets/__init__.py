@@ -1,7 +1,7 @@
 """Targets: requirements on the shape of an arm, one small file each."""
 
 from octoplan.planner.targets.backbone import Backbone
-from octoplan.planner.targets.base import Target, Terms, View
+from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.bending_plane import BendingPlane
 from octoplan.planner.targets.fetch import Bend, Fetch, FetchReach
 from octoplan.planner.targets.stiffness import MinimumStiffness, Softest, Stiffest
@@ -17,9 +17,7 @@ __all__ = [
     "Softest",
     "Stiffest",
     "Target",
-    "Terms",
     "TipPointing",
     "TipPose",
     "TipPosition",
-    "View",
 ]

@@ -17,7 +17,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.units import DISTANCE, warn_unusual
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 
 if TYPE_CHECKING:
     from octoplan.model.centreline import Centreline
@@ -203,14 +203,14 @@ class Target:
         """
         return {}
 
-    def remark(self, shape: Shape, limits: Limits, missed: bool, accuracy: float) -> str:
+    def remark(self, shape: Shape, limits: TendonLimits, missed: bool, accuracy: float) -> str:
         """Return a sentence for the outcome of a plan; empty for none.
 
         Parameters
         ----------
         shape : Shape
             The shape of the plan.
-        limits : Limits
+        limits : TendonLimits
         missed : bool
             Whether a completed search missed the targets.
         accuracy : float

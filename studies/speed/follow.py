@@ -70,7 +70,15 @@ def path(arm: Arm, scene: Scene, rng: np.random.Generator) -> Iterator[Array]:
 def timed_plan(arm: Arm, scene: Scene, tip: Array, near: Plan | None) -> tuple[Plan, float, float]:
     """Return a plan, its planning time and the time of its certificate [s]."""
     began = time.process_time()
-    p = plan(arm, TipPosition(tip), scene, MAXIMUM, near=near, compile=True, certify=False)
+    p = plan(
+        arm,
+        TipPosition(tip),
+        scene,
+        MAXIMUM,
+        near=near,
+        compile=True,
+        certify=False,
+    )
     planned = time.process_time()
     p.certificate  # noqa: B018  (computed at the first access)
     return p, planned - began, time.process_time() - planned

@@ -19,19 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octoplan.model import (
-    Arm,
-    CollapsedError,
-    ConvergenceError,
-    OctoplanError,
-    Scene,
-    SnapError,
-    settle,
-)
+from octoplan.model import Arm, OctoplanError, Scene, SnapError, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     PointLoad,
@@ -39,8 +30,10 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.paths import Array
+from octoplan.model.support.errors import CollapsedError, ConvergenceError
 from studies import draws
 from studies.reference import reference_shape
 from studies.reporting import asked

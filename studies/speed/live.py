@@ -22,6 +22,7 @@ import socket
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +151,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     request = load(args.scene)
     options = request.but(compile=args.compile).of(plan)
-    options["tension_max"] = np.maximum(options["tension_max"], _LEAST_LIMIT)
+    limits = options["limits"]
+    options["limits"] = replace(limits, tension_max=max(limits.tension_max, _LEAST_LIMIT))
     free = {name: value for name, value in options.items() if "clear" not in name}
     free |= {"obstacles": ()}
     cases = [

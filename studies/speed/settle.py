@@ -29,7 +29,6 @@ from octoplan.model import Arm, Scene, SnapError, settle, settle_many, tip_jacob
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     NeoHookean,
@@ -38,6 +37,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.paths import Array
 from octoplan.planner.frontends.effect_ablation import Switch, switch_effect

@@ -15,7 +15,6 @@ from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, sett
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     PointMass,
@@ -23,6 +22,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.contact.effects import Contact, SelfContact

@@ -19,7 +19,7 @@ from octoplan.planner.extensions.fit.design_program import DesignProgram, Target
 from octoplan.planner.extensions.fit.manufacturing import Objective
 from octoplan.planner.extensions.fit.unknowns import Parameters
 from octoplan.planner.frontends.cli import main
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.solve.ipopt import nlp_derivatives
 from octoplan.planner.targets import Backbone, Stiffest, TipPosition
 from tests.differences import fourth_order
@@ -59,7 +59,7 @@ def test_derivatives_of_the_program_are_those_of_differences(
     parameters = Parameters.of(_arm(), scene, [RADIUS, PLACE, OFFSET])
     tasks: list[Targets] = [(tip,) for tip in _tips()]
     program = DesignProgram(
-        parameters, tasks, Limits.of(_arm(), 5.0), ManufacturingLimits(wall=1e-4), objective
+        parameters, tasks, TendonLimits.of(_arm(), 5.0), ManufacturingLimits(wall=1e-4), objective
     )
     rng = np.random.default_rng(0)
     T = rng.uniform(0, 0.1, (len(program.tasks), 8))
@@ -97,7 +97,7 @@ def test_a_time_limit_that_ends_the_program_is_told(monkeypatch: pytest.MonkeyPa
     """CasADi reported an error of its callback as an error of CasADi."""
     parameters = Parameters.of(_arm(), PAPER, [RADIUS])
     program = DesignProgram(
-        parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), ManufacturingLimits()
+        parameters, [(_tips()[0],)], TendonLimits.of(_arm(), 5.0), ManufacturingLimits()
     )
     T = np.full((1, 8), 0.1)
     variables = program.initial_variables(parameters.start, T)
@@ -204,7 +204,13 @@ def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds(count: int) -
     assert found.feasible, found.outcome
     parameters = Parameters.of(_arm(), PAPER, unknowns)
     for corner in product(*((own.lower, own.upper) for own in unknowns)):
-        p = plan(parameters.setting(np.array(corner)).arm, [task, up], PAPER, 5.0, starts=1)
+        p = plan(
+            parameters.setting(np.array(corner)).arm,
+            [task, up],
+            PAPER,
+            5.0,
+            starts=1,
+        )
         if p.reached:
             stiff.append(1 / stiffness(p.arm, p.tensions, PAPER).compliance[2, 2])
     assert stiff

@@ -11,7 +11,8 @@ import scipy
 
 from octoplan.model import Arm, InputError, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, TipLoad
-from octoplan.planner import Calibration, Measured, Unknown, calibrate
+from octoplan.planner import Measured, Unknown, calibrate
+from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.targets import TipPosition
 from tests.calibrate.cases import HANGING, PULLS, small_arm
 

@@ -11,7 +11,8 @@ import pytest
 from octoplan.model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
 from octoplan.model.effects import PointMass
 from octoplan.model.tendons import rest_lengths
-from octoplan.planner import Calibration, Measured, Unknown, calibrate
+from octoplan.planner import Measured, Unknown, calibrate
+from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.residuals import mean_distance
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic, tentacle, tentacle_shapes
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from octoplan.model import Anchorage, Arm, Material
-from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Linear
 from tests.oracles import Array
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.effects import Buoyancy, Effect, ExactTendons, Extension, NeoHookean, Weight
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.contact.effects import Contact
-from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.support.errors import OctoplanError
 from tests.contact.cases import distance
 from tests.core.effects.spatial import EnergyRod, LoadedRod, Loads

@@ -6,6 +6,7 @@ import pytest
 from octoplan.planner import plan
 from octoplan.planner.extensions.contact import Hold
 from octoplan.planner.extensions.contact.plan import ContactPlan
+from octoplan.planner.limits import Limits
 from tests.contact.test_holds import ARM, FRICTION, ROD, SCENE, wrench
 from tests.core.planner.cases import changed
 
@@ -28,7 +29,9 @@ def test_the_least_effort_of_a_hold_is_reported_as_optimal(held: ContactPlan) ->
 
 def test_a_hold_with_needless_effort_is_reached_and_names_the_saving(held: ContactPlan) -> None:
     """Antagonists pull with 0.3 N in addition; the saving is measured by a plan from there."""
-    tense = plan(ARM, held.targets, SCENE, 50.0, tension_min=(0.0, 0.3, 0.0, 0.3), near=held)
+    tense = plan(
+        ARM, held.targets, SCENE, 50.0, limits=Limits(tension_min=(0.0, 0.3, 0.0, 0.3)), near=held
+    )
     assert tense.certificate.optimal, tense.outcome
     loose = changed(tense, limits=held.problem.limits)
     assert loose.reached, loose.outcome

@@ -101,7 +101,13 @@ def test_a_plan_that_begins_in_contact_lets_go_where_nothing_has_to_press() -> N
 def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
     """Tensions that crush the arm were the optimum, and the outcome was an error."""
     target = TipPosition((0.29957, 0.010395, 0.023342))
-    p = plan(Arm.from_paper("table-4"), target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
+    p = plan(
+        Arm.from_paper("table-4"),
+        target,
+        Scene(Extension(), Contact(BOX)),
+        3.0,
+        starts=1,
+    )
     assert p.reached, p.outcome
 
 

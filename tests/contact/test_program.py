@@ -13,7 +13,7 @@ from octoplan.planner.extensions.contact import Hold
 from octoplan.planner.extensions.contact.optimum import steered
 from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.extensions.contact.search import FINE
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets import TipPosition
@@ -34,7 +34,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
 ) -> None:
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
-    limits = Limits((5.0,) * 4, (-1.0,) * 4, 9.0)
+    limits = TendonLimits((5.0,) * 4, (-1.0,) * 4, 9.0)
     task = PlanningProblem(ARM, targets, SCENE, limits, NlpOptions(), 1e-6)
     program = TensionProgram(task, FINE, LEAST)
     begin = program.settled(T)
@@ -61,7 +61,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
 def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
     """Load paths had tensions of -1e-14 N, which the plan's own shape refused."""
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
-    limits = Limits((5.0,) * 4, (0.0,) * 4)
+    limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
     task = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
     program = TensionProgram(task, FINE)
     begin = program.settled(T)
@@ -70,7 +70,11 @@ def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
 
 def test_a_penalty_rises_until_steps_take_most_violations_away() -> None:
     tip = tuple(settle(ARM, T * [1.0, 1.1, 1.0, 1.0], SCENE).tip.tolist())
-    limits, exact, radius = Limits((5.0,) * 4, (0.0,) * 4), np.eye(T.size), np.full(T.size, 0.25)
+    limits, exact, radius = (
+        TendonLimits((5.0,) * 4, (0.0,) * 4),
+        np.eye(T.size),
+        np.full(T.size, 0.25),
+    )
     task = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
     program = TensionProgram(task, FINE)
     start = program.at(T / program.unit, program.settled(T))

@@ -79,7 +79,11 @@ CONTACTS: Refused = {
     "rubs without history": (partial(settle, PAPER, BENT, RUBBING), "", "history"),
 }
 PLANS: Refused = {
-    "largest tension": (partial(plan, ARM, TIP, SMOOTH, 30.0, norm="inf"), "norm", ""),
+    "largest tension": (
+        partial(plan, ARM, TIP, SMOOTH, 30.0, norm="inf"),
+        "norm",
+        "",
+    ),
     "obstacles": (partial(plan, ARM, TIP, SMOOTH, 30.0, obstacles=[BALL]), "obstacles", ""),
     "motion": (motion(SMOOTH, rate_max=2.0, obstacles=[BALL]), "obstacles", ""),
     "strokes": (motion(SMOOTH, stroke_rate_max=0.01), "stroke_rate_max", ""),

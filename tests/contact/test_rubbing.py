@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, TipLoad
+from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.effects import Contact, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap

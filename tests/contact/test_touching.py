@@ -8,7 +8,8 @@ import pytest
 from octoplan.model import Anchorage, Arm, Linear, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
 from octoplan.model.extensions.contact.effects import Contact
-from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from tests.contact.cases import bar, distance, stiffness
 from tests.contact.queries import Query, imbalance
 from tests.lengths.cases import check_complementary

@@ -17,8 +17,10 @@ from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, TipLoad
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.forward import explicit_map
-from octoplan.planner import export_plan, plan
+from octoplan.planner import plan
+from octoplan.planner.frontends.c_code.export import export_plan
 from octoplan.planner.frontends.cli import main
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import TipPose, TipPosition
 from tests.export.cases import (
     CURVED,
@@ -184,11 +186,17 @@ def test_other_arms_and_numbers_agree_with_their_test_vectors(name: str, tmp_pat
 @pytest.mark.parametrize(
     ("make", "field"),
     [
-        (lambda: planned(TABLE_4, START, total_pull=40.0), "total_pull"),
+        (lambda: planned(TABLE_4, START, limits=Limits(total_pull=40.0)), "total_pull"),
         (lambda: planned(TABLE_4, START, norm="1"), "norm"),
-        (lambda: plan(TABLE_4, TipPosition((0.1, 0.44, 0.1)), PAPER, 2.0, starts=1), "target"),
+        (
+            lambda: plan(TABLE_4, TipPosition((0.1, 0.44, 0.1)), PAPER, 2.0, starts=1),
+            "target",
+        ),
         (lambda: planned(TABLE_4, START, obstacles=[Sphere((1.0, 1.0, 1.0), 0.1)]), "obstacles"),
-        (lambda: planned(SECTION_52, [0.1, 0, 0, 0], LOADED, starts=1), "scene"),
+        (
+            lambda: planned(SECTION_52, [0.1, 0, 0, 0], LOADED, starts=1),
+            "scene",
+        ),
         (lambda: planned(CURVED, [0.6, 0.0, 0.2, 1.0, 0.0]), "scene"),
         (
             lambda: plan(

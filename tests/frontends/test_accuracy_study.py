@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octoplan import AccuracyPoint, AccuracyStudy, accuracy_study
+from octoplan import accuracy_study
 from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import Extension, TipLoad
+from octoplan.planner.frontends.accuracy_study import AccuracyPoint, AccuracyStudy
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.targets import TipPosition
 from tests.core.effects.bars import Bar, dead_elastica

@@ -12,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from octoplan import check_arm
-from octoplan.model import Arm, InputError, Scene, conical, settle
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.arm import conical
 from octoplan.model.effects import (
     Current,
     Extension,
@@ -26,7 +27,7 @@ from octoplan.model.extensions.contact import Contact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner.frontends import arm_check
 from octoplan.planner.frontends.cli import main
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 
 ARM = conical(0.3, (0.012, 0.006), [(0.3, 5e-3, 2e-3)])
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
@@ -65,7 +66,7 @@ def test_random_rotations_are_rotations() -> None:
 
 
 def test_random_tensions_are_within_limits() -> None:
-    limits = Limits.of(ARM, [1.0, 2.0, 3.0, 4.0], 0.1, 2.0)
+    limits = TendonLimits.of(ARM, [1.0, 2.0, 3.0, 4.0], 0.1, 2.0)
     rng = np.random.default_rng(0)
     T = np.array([arm_check.random_tensions(limits, rng) for _ in range(200)])
     assert (T >= 0.1 - 1e-15).all()

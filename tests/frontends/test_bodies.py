@@ -14,16 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
 from octoplan.model.effects import Buoyancy, Extension, NeoHookean, Weight
-from octoplan.planner import (
-    export_plan,
-    export_shape,
-    mjcf,
-    ros_messages,
-    save_mesh,
-    save_shape,
-    urdf,
-)
+from octoplan.planner import mjcf, urdf
+from octoplan.planner.frontends.bodies.files import export_shape, save_mesh
+from octoplan.planner.frontends.bodies.links import ros_messages
+from octoplan.planner.frontends.c_code.export import export_plan
 from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.io.csv_files import save_shape
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::octoplan.planner.frontends.bodies.forces.ExportWarning"

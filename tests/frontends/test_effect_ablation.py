@@ -9,7 +9,6 @@ from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     NeoHookean,
@@ -18,6 +17,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.planner.frontends.effect_ablation import Switch, switch_effect, switch_effects
 from tests.core.effects.cases import EXACT, SILICONE
 

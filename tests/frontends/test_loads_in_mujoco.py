@@ -16,7 +16,6 @@ from octoplan.model import Anchorage, Arm, InputError, Linear, OctoplanError, Sc
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     LineLoad,
@@ -27,10 +26,12 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import HalfSpace
-from octoplan.planner import ExportWarning, export, mjcf, urdf
+from octoplan.planner import export, mjcf, urdf
+from octoplan.planner.frontends.bodies.forces import ExportWarning
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.limits import natural_tensions
 from tests.contact.cases import bar

@@ -30,9 +30,10 @@ from octoplan.model.effects import (
     Extension,
 )
 from octoplan.model.support.errors import FileError
-from octoplan.planner import Plan, load_plan, plan, save_shape
+from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.frontends.commands.files import schema_of
-from octoplan.planner.frontends.io.csv_files import shape_csv
+from octoplan.planner.frontends.io.csv_files import save_shape, shape_csv
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.core.planner.cases import changed
 
@@ -55,7 +56,7 @@ def reached() -> Plan:
 @pytest.fixture(scope="module")
 def unlimited() -> Plan:
     """Sections differ in number of tendons; maxima are infinite, the least pull is not."""
-    return plan(OWN, TipPosition((0.3, 0.25, 0.3)), tension_min=1e-3, accuracy=1e-5)
+    return plan(OWN, TipPosition((0.3, 0.25, 0.3)), limits=Limits(tension_min=1e-3), accuracy=1e-5)
 
 
 def stopped(after: float) -> Plan:

@@ -27,7 +27,6 @@ from octoplan.model.arm import PAPER_ARMS
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     LineLoad,
@@ -38,6 +37,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.extensions.printed import PrintedStatics
@@ -48,6 +48,7 @@ from octoplan.planner.frontends.commands.files import schema_of
 from octoplan.planner.frontends.io.object_tables import ArmTable
 from octoplan.planner.frontends.io.scene_file import load, read
 from octoplan.planner.frontends.io.scene_tables import SceneTable
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import (
     Backbone,
     Bend,
@@ -294,9 +295,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
         "self_clearance": False,
         "obstacles": [],
         "stroke_zero": "straight",
-        "tension_max": ((1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)),
-        "tension_min": 0.5,
-        "total_pull": 30,
+        "limits": Limits(((1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)), 0.5, 30),
     }
     assert question.of(settle) == {"accuracy": 1e-4, "compile": "auto", "tendon_outside": 0.0}
     assert question.stiffness == {"hold": "length", "at": 0.25, "tendon_EA": 1e3, "release": True}

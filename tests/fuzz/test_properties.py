@@ -11,7 +11,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
-from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.support.progress import OutOfTime, time_limit
 from octoplan.planner import plan, stiffness
 from octoplan.planner.targets import Backbone, BendingPlane, Target, TipPosition

@@ -10,15 +10,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, OctoplanError, Scene, Shape, settle
-from octoplan.model.effects import (
-    Buoyancy,
-    Current,
-    Effect,
-    ExactTendons,
-    Extension,
-    TipLoad,
-    Weight,
-)
+from octoplan.model.effects import Buoyancy, Current, ExactTendons, Extension, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import Backbone, BendingPlane, Fetch, Target, TipPosition
 from octoplan.planner.targets.fetch import Bend, stretches

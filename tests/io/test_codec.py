@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.effects import Effect
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.obstacles import Moving
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.planner.frontends.commands.files import schema_of
@@ -190,8 +190,8 @@ import octoplan.planner.frontends.io.scene_tables
 """
 # Public names of each package, and their base classes.
 PUBLIC = {
-    "octoplan.model.effects": "octoplan.model.effects.Effect",
-    "octoplan.model.extensions.obstacles": "octoplan.model.extensions.obstacles.Obstacle",
+    "octoplan.model.effects": "octoplan.model.effects.base.Effect",
+    "octoplan.model.extensions.obstacles": "octoplan.model.extensions.obstacles.base.Obstacle",
     "octoplan.planner.targets": "object",
 }
 

@@ -12,7 +12,6 @@ from octoplan.model import Arm, InputError, OctoplanError, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     PointLoad,
@@ -21,6 +20,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere

@@ -29,10 +29,10 @@ from octoplan.model import (
     Sampled,
     Scene,
 )
-from octoplan.model.effects import Effect
-from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.effects.base import Effect
+from octoplan.model.extensions.obstacles.base import Obstacle
 
-PARTS = ("Bend", "Target", "Terms", "View")
+PARTS = ("Bend", "Target")
 
 
 def _public(module: Any) -> list[type]:

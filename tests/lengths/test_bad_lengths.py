@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
-from octoplan.model.effects import Buoyancy, Effect, ExactTendons, Extension, Weight
+from octoplan.model import Arm, InputError, Scene, settle, settle_many
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.stiffness import stiffness
+from octoplan.model.support.units import UnitWarning
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import plan
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import TipPosition
 from tests.lengths.cases import EXACT, cylinder
 from tests.refusals import Refused, check_refusal
@@ -49,13 +52,13 @@ LENGTHS: list[tuple[str, str, dict[str, Any]]] = [
     ("near", "the same", {"lengths": REST, "near": settle(cylinder((0.2,)), np.zeros(4))}),
 ]
 STROKES: list[tuple[str, str, dict[str, Any]]] = [
-    ("stroke_max", "a number >= 0", {"stroke_max": -0.01}),
-    ("stroke_max", "12 numbers", {"stroke_max": [0.01] * 3}),
-    ("stroke_max", "a number, or one", {"stroke_max": "far"}),
-    ("stroke_min", "a number <= 0", {"stroke_min": 0.01}),
-    ("stroke_min", "a number <= 0", {"stroke_min": np.nan}),
-    ("stroke_min", "12 numbers", {"stroke_min": [-0.01] * 3}),
-    ("scene", "settle", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
+    ("stroke_max", "a number >= 0", {"limits": Limits(stroke_max=-0.01)}),
+    ("stroke_max", "12 numbers", {"limits": Limits(stroke_max=[0.01] * 3)}),
+    ("stroke_max", "a number, or one", {"limits": Limits(stroke_max="far")}),
+    ("stroke_min", "a number <= 0", {"limits": Limits(stroke_min=0.01)}),
+    ("stroke_min", "a number <= 0", {"limits": Limits(stroke_min=np.nan)}),
+    ("stroke_min", "12 numbers", {"limits": Limits(stroke_min=[-0.01] * 3)}),
+    ("scene", "settle", {"limits": Limits(stroke_max=0.01), "scene": Scene.as_printed()}),
     *(
         ("stroke_zero", "", {"stroke_zero": zero})
         for zero in ("curled", 3.0, [0.1] * 5, [-0.1] * 12, None, settle(OTHER, np.zeros(12)))

@@ -5,16 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from octoplan.model import (
-    Anchorage,
-    Arm,
-    Linear,
-    Material,
-    Scene,
-    length_response,
-    settle,
-    settle_many,
-)
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
+from octoplan.model.compliance import length_response
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
 from octoplan.model.stiffness import stiffness
 from octoplan.model.unloaded.marched import tendon_lengths

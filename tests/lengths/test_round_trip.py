@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, CollapsedError, InputError, Scene, Shape, settle
+from octoplan.model import Arm, InputError, Scene, Shape, settle
 from octoplan.model.effects import Extension
 from octoplan.model.loads import is_loaded
+from octoplan.model.support.errors import CollapsedError
 from octoplan.model.tendons import rest_lengths
 from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary, pulled, round_trip
 

@@ -13,6 +13,7 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.frontends.io.scene_file import read
+from octoplan.planner.limits import Limits
 from octoplan.planner.outcome import verdict
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.core.planner.cases import changed
@@ -33,10 +34,10 @@ def asked(scene: Scene, **limits: Any) -> Plan:
 def test_strokes_stay_within_their_limits(scene: Scene) -> None:
     free = asked(scene)
     most = float(np.abs(free.strokes).max())
-    wide = asked(scene, stroke_max=1.05 * most)
+    wide = asked(scene, limits=Limits(stroke_max=1.05 * most))
     assert wide.reached
     assert wide.effort == pytest.approx(free.effort, rel=1e-6)
-    held = asked(scene, stroke_max=0.9 * most)
+    held = asked(scene, limits=Limits(stroke_max=0.9 * most))
     assert np.abs(held.strokes).max() <= 0.9 * most * (1 + 1e-6)
     assert held.certificate.strokes <= 1e-9
     assert held.reached
@@ -44,7 +45,7 @@ def test_strokes_stay_within_their_limits(scene: Scene) -> None:
 
 
 def test_the_certificate_finds_out_strokes_beyond_their_limits_by_how_far() -> None:
-    free = asked(PAPER, stroke_max=1.0)
+    free = asked(PAPER, limits=Limits(stroke_max=1.0))
     taken, paid = float(free.strokes.max()), float(free.strokes.min())
     for least, most in ((-1.0, taken - 1e-3), (paid + 1e-3, 1.0)):
         strokes = (least,) * ARM.n_tendons, (most,) * ARM.n_tendons
@@ -65,10 +66,10 @@ def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
     """
     arm, y = cylinder((0.2,)), 4e-3
     target = BendingPlane(angle=0.0, bend=0.5, section=1)
-    wide = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.001 * 0.5 * y)
+    wide = plan(arm, target, Scene(ExactTendons()), 20.0, limits=Limits(stroke_max=1.001 * 0.5 * y))
     assert wide.reached
     assert np.abs(wide.strokes).max() == pytest.approx(0.5 * y, rel=1e-6)
-    tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
+    tight = plan(arm, target, Scene(ExactTendons()), 20.0, limits=Limits(stroke_max=1.9e-3))
     assert not tight.reached
     assert "at 1.9 mm" in tight.outcome
     bend = np.arccos(tight.shape.tip_frame[:, 0] @ wide.shape.frame(0.0)[:, 0])
@@ -80,7 +81,7 @@ def test_how_far_winches_pay_out_is_a_limit_of_its_own() -> None:
     """The slack tendon across is longer by y times the bend: 1.9 mm allow 0.475 rad."""
     arm, y = cylinder((0.2,)), 4e-3
     target = BendingPlane(angle=0.0, bend=0.5, section=1)
-    held = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_min=-1.9e-3)
+    held = plan(arm, target, Scene(ExactTendons()), 20.0, limits=Limits(stroke_min=-1.9e-3))
     assert not held.reached
     assert held.strokes.min() == pytest.approx(-1.9e-3, rel=1e-6)
     assert "at -1.9 mm" in held.outcome
@@ -89,28 +90,33 @@ def test_how_far_winches_pay_out_is_a_limit_of_its_own() -> None:
 
 
 def test_plans_with_limits_of_strokes_are_saved_and_followed(tmp_path: Path) -> None:
-    held = asked(PAPER, stroke_max=0.9 * float(np.abs(asked(PAPER).strokes).max()))
+    held = asked(PAPER, limits=Limits(stroke_max=0.9 * float(np.abs(asked(PAPER).strokes).max())))
     assert load_plan(held.save(tmp_path / "held.json")) == held
     again = plan(
-        ARM, held.targets, PAPER, 20.0, near=held, stroke_max=held.problem.limits.strokes[1]
+        ARM,
+        held.targets,
+        PAPER,
+        20.0,
+        near=held,
+        limits=Limits(stroke_max=held.problem.limits.strokes[1]),
     )  # type: ignore[index]
     assert again.tensions == pytest.approx(held.tensions, abs=1e-6 * held.tensions.max())
 
 
 def test_scene_files_have_them_in_millimetres() -> None:
     text = "[arm]\npreset = 'table-4'\n[limits]\ntension_max = 20\nstroke_max_mm = 15\n"
-    assert read(text.encode()).options["stroke_max"] == pytest.approx(0.015)
+    assert read(text.encode()).options["limits"].stroke_max == pytest.approx(0.015)
     rows = text.replace("15", "[[15, 15, 15, 15], [9, 9, 9, 9], [9, 9, 9, 9]]")
     options = read((rows + "stroke_min_mm = -3").encode()).options
-    assert options["stroke_max"][1] == pytest.approx([9e-3] * 4)
-    assert options["stroke_min"] == pytest.approx(-3e-3)
+    assert options["limits"].stroke_max[1] == pytest.approx([9e-3] * 4)
+    assert options["limits"].stroke_min == pytest.approx(-3e-3)
 
 
 @pytest.mark.slow
 def test_a_shape_beyond_stroke_limits_is_not_called_the_nearest() -> None:
     """Nothing is found within the limits, as in water with nearly no stroke at all."""
     arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
-    tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
+    tight = plan(arm, target, Scene(ExactTendons()), 20.0, limits=Limits(stroke_max=1.9e-3))
     object.__setattr__(tight, "certificate", replace(tight.certificate, strokes=0.05))
     told = verdict(tight)
     assert "no shape within the limits of strokes is found" in told

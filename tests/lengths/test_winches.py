@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
+from octoplan.model import Arm, InputError, Scene, settle, settle_many
 from octoplan.model.compliance import length_error
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.support.errors import FileError
+from octoplan.model.support.units import UnitWarning
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan, plan, stiffness
 from octoplan.planner.extensions.trajectory.question import Rates
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.io.scene_file import load
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import Limits, TendonLimits
 from octoplan.planner.targets import TipPosition
 from tests.warned import detailed
 
@@ -121,9 +122,9 @@ def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: 
     ):
         settle(Arm.from_paper("section-5.2"), scene=Scene(), lengths=[2.7e-4] * 4)
     with detailed(UnitWarning, "stroke_max .* if metres were meant"):
-        Limits.of(ARM, 20.0).with_strokes(ARM, 2e-5)
+        TendonLimits.of(ARM, 20.0).with_strokes(ARM, 2e-5)
     with detailed(UnitWarning, "stroke_min .* 1000 times too much"):
-        Limits.of(ARM, 20.0).with_strokes(ARM, 0.1, -100.0)
+        TendonLimits.of(ARM, 20.0).with_strokes(ARM, 0.1, -100.0)
     with detailed(UnitWarning, "stroke_rate_max .* if metres were meant"):
         Rates.of(ARM, None, 2e-5)
 
@@ -137,7 +138,7 @@ def test_strokes_count_from_where_winches_are_zeroed() -> None:
         found = plan(ARM, target, water, stroke_zero=zero, **asked)
         assert found.strokes == pytest.approx(hanging.lengths - found.lengths, abs=1e-9)
     most = 0.8 * float(found.strokes.max())
-    held = plan(ARM, target, water, stroke_zero="at rest", stroke_max=most, **asked)
+    held = plan(ARM, target, water, stroke_zero="at rest", limits=Limits(stroke_max=most), **asked)
     assert held.strokes.max() <= most * (1 + 1e-6)
     assert held.certificate.strokes <= 1e-9
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, Scene, conical, settle
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.arm import conical
 from octoplan.model.centreline import Centreline
 from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.clearance import clearance
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearances
-from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.rod.discrete_rod import system
 from tests.core.model.cases import paper_tensions
 from tests.oracles import Array

@@ -12,14 +12,15 @@ import pytest
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.extensions.clearance import Clearance
-from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.rotations import matrices
 from octoplan.model.shape import Shape
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.extensions.avoidance.around import line_of
 from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
 from octoplan.planner.frontends.io.scene_file import read
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.outcome import verdict
 from octoplan.planner.planning_problem import Environment, PlanningProblem
@@ -200,7 +201,7 @@ def test_places_are_read_off_the_stations_of_the_settled_arm() -> None:
     """The mesh has other nodes; the nearest nodes were used instead, up to 3 mm away."""
     T = np.zeros(12)
     T[10], T[6] = 14.0, 5.0
-    question = (ARM, (TARGET,), SCENE, Limits.of(ARM, 20.0), NlpOptions(), 1e-6)
+    question = (ARM, (TARGET,), SCENE, TendonLimits.of(ARM, 20.0), NlpOptions(), 1e-6)
     line, shape = line_of(PlanningProblem(*question), T), settle(ARM, T, SCENE, 1e-8)
     assert line is not None
     avoidance, _ = avoiding(line, Environment(of_itself=True), None)
@@ -233,7 +234,10 @@ def test_a_plan_with_obstacles_loads_back_equal(around: Plan, tmp_path: Path) ->
 def test_a_plan_near_another_is_led_around_under_loads_too() -> None:
     """The call ended in an error of CasADi."""
     scene = Scene(Extension(), Weight(), Buoyancy())
-    ball = Sphere(plan(ARM, TARGET, scene, 20.0, starts=1).shape.position(0.6 * ARM.length), 0.02)
+    ball = Sphere(
+        plan(ARM, TARGET, scene, 20.0, starts=1).shape.position(0.6 * ARM.length),
+        0.02,
+    )
     given = {"obstacles": [ball], "clearance": 0.003}
     first = plan(ARM, TARGET, scene, 20.0, starts=1, **given)
     found = plan(ARM, TipPosition((0.29, 0.12, -0.12)), scene, 20.0, near=first, **given)

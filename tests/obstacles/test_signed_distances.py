@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from octoplan.model.extensions.obstacles import (
-    Box,
-    Capsule,
-    HalfSpace,
-    Obstacle,
-    Sphere,
-    convex_parameters,
-    distances,
-)
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle, convex_parameters, distances
 from octoplan.planner.frontends.bodies.surface import outline
 from tests.oracles import Array
 

@@ -11,7 +11,8 @@ from octoplan.model.centreline import Centreline
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.extensions.clearance.bisection import ClearanceQuery, closest
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearance_query
-from octoplan.model.extensions.obstacles import Box, Capsule, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, Sphere
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.loads import is_loaded
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
 from tests.core.model.cases import paper_tensions

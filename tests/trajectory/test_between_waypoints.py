@@ -13,6 +13,7 @@ from octoplan.model.effects import ExactTendons, TipLoad
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import trajectory
 from octoplan.planner.extensions.trajectory.time_law import Timed
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import TipPosition
 from tests.lengths.cases import cylinder
 
@@ -29,9 +30,9 @@ def test_strokes_are_within_their_limits_between_waypoints_too() -> None:
     shapes = [settle(ARM, T, silicone, 1e-8) for T in (first, last)]
     ends = rest_lengths(ARM) - [shape.tendon_lengths for shape in shapes]
     low, high = np.minimum(ends.min(axis=0), 0.0), np.maximum(ends.max(axis=0), 0.0)
-    limits = {"stroke_min": low - 1e-9, "stroke_max": high + 1e-9}
+    limits = Limits(stroke_min=low - 1e-9, stroke_max=high + 1e-9)
     target = TipPosition(shapes[-1].tip)
-    motion = trajectory(ARM, [target], silicone, 20.0, rate_max=2.0, start=first, **limits)
+    motion = trajectory(ARM, [target], silicone, 20.0, rate_max=2.0, start=first, limits=limits)
     assert motion.certificate.passed, motion.outcome
     times = np.linspace(0.0, motion.duration, 101)
     taken = np.array([motion.shape(t).tendon_lengths for t in times])

@@ -10,7 +10,8 @@ import pytest
 
 from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
-from octoplan.planner import FailedPlan, Plan, plan, plan_many
+from octoplan.planner import Plan, plan, plan_many
+from octoplan.planner.frontends.many import FailedPlan
 from octoplan.planner.targets import Bend, BendingPlane, Fetch, Target, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())

@@ -24,8 +24,7 @@ import numpy as np
 
 from octoplan.model.centreline import Centreline, Counts
 from octoplan.model.extensions.clearance.pieces import DeviationBound, Parts, Pieces
-from octoplan.model.extensions.obstacles import Obstacle
-from octoplan.model.extensions.obstacles.base import distances_from
+from octoplan.model.extensions.obstacles.base import Obstacle, distances_from
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.progress import check_time
 

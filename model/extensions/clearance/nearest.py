@@ -15,7 +15,8 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline, Settled
 from octoplan.model.extensions.clearance.bisection import ClearanceQuery, closest
-from octoplan.model.extensions.obstacles import HalfSpace, Obstacle, check_obstacles
+from octoplan.model.extensions.obstacles import HalfSpace
+from octoplan.model.extensions.obstacles.base import Obstacle, check_obstacles
 from octoplan.model.support.checks import kind
 
 OBSTACLES = "obstacles"

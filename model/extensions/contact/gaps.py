@@ -11,7 +11,7 @@ from octoplan.model.equilibrium.linearised import Index
 from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.contact.kernels import gap_along
 from octoplan.model.extensions.contact.touches import Place, Places
-from octoplan.model.extensions.obstacles import distances
+from octoplan.model.extensions.obstacles.base import distances
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod

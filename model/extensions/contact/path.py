@@ -34,7 +34,7 @@ from octoplan.model.extensions.contact.touches import (
     read_off,
 )
 from octoplan.model.extensions.lengths.least_energy import LeastEnergy
-from octoplan.model.extensions.obstacles import distances
+from octoplan.model.extensions.obstacles.base import distances
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.errors import SnapError, UnsettledContactError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.contact.kernels import pressure, touch
-from octoplan.model.extensions.obstacles import distances
+from octoplan.model.extensions.obstacles.base import distances
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term

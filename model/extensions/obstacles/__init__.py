@@ -1,11 +1,5 @@
 """Obstacles: bodies with a signed distance, from which an arm keeps clear."""
 
-from octoplan.model.extensions.obstacles.base import (
-    Obstacle,
-    check_obstacles,
-    convex_parameters,
-    distances,
-)
 from octoplan.model.extensions.obstacles.convex import Box, Capsule, HalfSpace, Sphere
 from octoplan.model.extensions.obstacles.mesh import Mesh
 from octoplan.model.extensions.obstacles.moving import Moving
@@ -16,9 +10,5 @@ __all__ = [
     "HalfSpace",
     "Mesh",
     "Moving",
-    "Obstacle",
     "Sphere",
-    "check_obstacles",
-    "convex_parameters",
-    "distances",
 ]

@@ -11,8 +11,8 @@ from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
 from octoplan.model.extensions.clearance import clearances
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES
-from octoplan.model.extensions.obstacles import Moving, check_obstacles
-from octoplan.model.extensions.obstacles.base import distances_from
+from octoplan.model.extensions.obstacles import Moving
+from octoplan.model.extensions.obstacles.base import check_obstacles, distances_from
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import not_negative
 from octoplan.model.support.errors import InputError

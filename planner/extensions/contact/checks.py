@@ -9,7 +9,7 @@ import numpy as np
 
 from octoplan.model.centreline import Centreline
 from octoplan.model.extensions.contact.effects import bodies_of
-from octoplan.model.extensions.obstacles import distances
+from octoplan.model.extensions.obstacles.base import distances
 from octoplan.model.shape import Shape
 from octoplan.planner.certificate import COMPLEMENTARITY, Check
 from octoplan.planner.planning_problem import PlanningProblem

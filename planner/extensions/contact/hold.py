@@ -14,7 +14,7 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import NotNegative
 from octoplan.model.support.value import value
 from octoplan.planner.extensions.contact.grasp import LEVER, Grasp
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets.base import Target
 
 WRENCH = "balance of the held wrench"
@@ -65,7 +65,7 @@ class Hold(Target):
         """See Target.equilibrium_residuals: the wrench that remains, over its size."""
         return {WRENCH: Grasp.of(shape.arm, shape.contacts, self).least}
 
-    def remark(self, shape: Shape, limits: Limits, missed: bool, accuracy: float) -> str:
+    def remark(self, shape: Shape, limits: TendonLimits, missed: bool, accuracy: float) -> str:
         """See Target.remark: the friction that the grasp needs, or the wrench that remains."""
         grasp, size = Grasp.of(shape.arm, shape.contacts, self), self.size(shape.arm)
         if np.linalg.norm(grasp.least) <= 10 * accuracy:

@@ -11,14 +11,13 @@ from scipy.ndimage import find_objects, label
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
-from octoplan.model.extensions.obstacles import Obstacle
-from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.extensions.obstacles.base import Convex, Obstacle
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
-from octoplan.planner.limits import Limits, natural_tensions
+from octoplan.planner.limits import TendonLimits, natural_tensions
 
 # Number of places at which a part is evaluated.
 LOOKS = 201
@@ -43,7 +42,7 @@ class ObstaclePart(Protocol):
         """Return the arc lengths at which the part begins and ends [m]."""
 
 
-def curvature_remark(wrap: ObstaclePart, shape: Shape, limits: Limits) -> str:
+def curvature_remark(wrap: ObstaclePart, shape: Shape, limits: TendonLimits) -> str:
     """Return the place of the largest gap, the curvatures there, and the part that is close.
 
     An obstacle is too tight if all of the part needs more curvature than the limits allow, and the
@@ -114,7 +113,9 @@ def curvature_along(wrap: ObstaclePart, shape: Shape, s: Array, gap: float = 0.0
     return np.asarray(((ends[0] - ends[1]) * t).sum(axis=1) / (2 * _STEP))
 
 
-def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tuple[Array, bool]:
+def attainable_curvature(
+    arm: Arm, scene: Scene, limits: TendonLimits, s: Array
+) -> tuple[Array, bool]:
     """Return a curvature (k,) [1/m] that tendons within limits give a free arm at s.
 
     All tendons of one side pull as hard as they may, the others as little: of all sides the best.

@@ -10,7 +10,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.contact.effects import contacts
-from octoplan.model.extensions.obstacles import check_obstacles
+from octoplan.model.extensions.obstacles.base import check_obstacles
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, reserve, seconds_left

@@ -21,7 +21,7 @@ from octoplan.model.support.quantities import ArcLength, Length, Positive
 from octoplan.model.support.units import length_text
 from octoplan.model.support.value import value
 from octoplan.planner.extensions.contact.remarks import curvature_remark
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View
 
 NEAR = "nearness along the obstacle"
@@ -180,7 +180,7 @@ class Wrap(Target):
             return self
         return replace(self, places=tuple(np.sort(np.append(known[far], news)).tolist()))
 
-    def remark(self, shape: Shape, limits: Limits, missed: bool, accuracy: float) -> str:
+    def remark(self, shape: Shape, limits: TendonLimits, missed: bool, accuracy: float) -> str:
         """See Target.remark: the curvatures of a wrap that was missed."""
         return curvature_remark(self, shape, limits) if missed else ""
 

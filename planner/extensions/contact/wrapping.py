@@ -10,7 +10,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.contact.effects import contacts, without_contacts
-from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime

@@ -33,7 +33,7 @@ from octoplan.planner.extensions.fit.manufacturing import (
     checked_objective,
 )
 from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import check_targets
@@ -107,7 +107,7 @@ def design(
     if manufacturing is None:
         manufacturing = ManufacturingLimits()
     manufacturing = kind("manufacturing", manufacturing, ManufacturingLimits)
-    limits = Limits.of(arm, tension_max)
+    limits = TendonLimits.of(arm, tension_max)
     manufacturing.check(arm)
     objective = checked_objective(objective, limits)
     program = DesignProgram(parameters, _tasks(arm, targets), limits, manufacturing, objective)

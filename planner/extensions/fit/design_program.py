@@ -32,7 +32,7 @@ from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.nlp_solution import SolverResult
 from octoplan.planner.planning_problem import PlanningProblem
@@ -83,7 +83,7 @@ class DesignProgram:
     ----------
     parameters : Parameters
         The unknowns, with the arm and the scene.
-    limits : Limits
+    limits : TendonLimits
         Limits of the tensions.
     manufacturing : ManufacturingLimits
     tasks, weights : sequences
@@ -102,7 +102,7 @@ class DesignProgram:
         self,
         parameters: Parameters,
         tasks: Sequence[Targets],
-        limits: Limits,
+        limits: TendonLimits,
         manufacturing: ManufacturingLimits,
         objective: Objective = "effort",
     ) -> None:

@@ -12,7 +12,7 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import ArcLength, Direction
 from octoplan.model.support.value import value
 from octoplan.planner.extensions.fit.unknowns import AT_BOUND
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets import Softest, Stiffest
 from octoplan.planner.targets.base import Target, Terms, View
 
@@ -103,7 +103,7 @@ class Reach(Target):
 Objective = Literal["effort"] | Stiffest | Softest | Reach
 
 
-def checked_objective(objective: Any, limits: Limits) -> Objective:
+def checked_objective(objective: Any, limits: TendonLimits) -> Objective:
     """Return the objective of a design, or raise InputError if the limits do not allow it."""
     if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
         raise InputError("tension_max", limits.upper, "finite tensions where a reach is asked for")

@@ -16,8 +16,7 @@ from numpy.polynomial import chebyshev
 from octoplan.model.centreline import Counts
 from octoplan.model.extensions.clearance.bisection import closest
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES, clearance_query
-from octoplan.model.extensions.obstacles import convex_parameters
-from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.extensions.obstacles.base import Convex, convex_parameters
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import ConvergenceError, InputError
 from octoplan.model.tendons import taken_in

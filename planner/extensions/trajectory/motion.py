@@ -25,7 +25,7 @@ from octoplan.planner.extensions.trajectory.question import (
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.extensions.trajectory.time_law import Timed
 from octoplan.planner.extensions.trajectory.waypoints import planned_touching
-from octoplan.planner.limits import checked_limits
+from octoplan.planner.limits import Limits, checked_limits
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import planned_scene
 
@@ -45,16 +45,13 @@ def trajectory(
     stroke_acceleration_max: float | None = None,
     times: Any = None,
     start: Plan | Any = None,
-    tension_min: Any = 0.0,
-    total_pull: float | None = None,
+    limits: Limits | None = None,
     obstacles: Any = (),
     clearance: float = 0.0,
     self_clearance: bool = False,
     waypoints: int = 20,
     accuracy: float = 1e-6,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
-    stroke_max: Any = None,
-    stroke_min: Any = None,
     stroke_zero: Any = "straight",
     time_limit: float | None = None,
     progress: bool | None = None,
@@ -82,7 +79,7 @@ def trajectory(
     time_limit : float
         Limit of the whole call [s]. The certificate has the time that the search leaves, and at
         least GRACE, 1 s; `outcome` reports an incomplete certificate.
-    tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
+    tension_max, limits, stroke_zero
         See plan.
     rate_max : float, or one for each tendon
         Largest rate of tensions [N/s].
@@ -118,9 +115,7 @@ def trajectory(
     """
     scene = planned_scene(arm, scene)
     sequence, file_times = waypoints_of(arm, targets, waypoints)
-    limits = checked_limits(
-        arm, scene, tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
-    )
+    bounds = checked_limits(arm, scene, tension_max, limits, stroke_zero)
     rates = Rates.of(
         arm,
         tension=rate_max,
@@ -135,11 +130,11 @@ def trajectory(
         arm=arm,
         scene=scene,
         targets=sequence,
-        limits=limits,
+        limits=bounds,
         rates=rates,
         surroundings=surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True),
         times=instants,
-        start=checked_start(arm, start, limits),
+        start=checked_start(arm, start, bounds),
         accuracy=checked_accuracy(accuracy),
         machine_code=checked_compile(compile),
         begin=_plan_in_contact(start, scene) if has_complementarity(scene) else None,

@@ -26,7 +26,7 @@ from octoplan.planner.block import Block, Constraints
 from octoplan.planner.entry_points import LOAD_WAYPOINTS, load
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import grid
-from octoplan.planner.limits import Limits, each_tendon
+from octoplan.planner.limits import TendonLimits, each_tendon
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import Environment, check_targets
@@ -152,7 +152,7 @@ class Question:
     arm, scene : Arm, Scene
     targets : tuple of tuple of Target
         Targets in order.
-    limits : Limits
+    limits : TendonLimits
         Limits of tensions and strokes.
     rates : Rates
         Limits of rates.
@@ -173,7 +173,7 @@ class Question:
     arm: Arm
     scene: Scene
     targets: tuple[tuple[Target, ...], ...]
-    limits: Limits
+    limits: TendonLimits
     rates: Rates
     surroundings: Environment
     times: Array | None
@@ -214,7 +214,11 @@ class Question:
         """
         missed = list[Plan]()
         options = self.limits.keywords | self.wider.keywords
-        options |= {"accuracy": self.accuracy, "compile": self.machine_code, "certify": False}
+        options |= {
+            "accuracy": self.accuracy,
+            "compile": self.machine_code,
+            "certify": False,
+        }
         for k in range(i, len(self.targets) if near is None else i + 1):
             with of_target(k):
                 result = plan(self.arm, self.targets[k], self.scene, near=near, **options)
@@ -319,7 +323,7 @@ def checked_times(times: Any, count: int, rates: Rates) -> Array | None:
     return checked
 
 
-def checked_start(arm: Arm, start: Any, limits: Limits) -> Array:
+def checked_start(arm: Arm, start: Any, limits: TendonLimits) -> Array:
     """Return the initial tensions (n_tendons,) of a motion [N]."""
     if start is None:
         return np.array(limits.lower)

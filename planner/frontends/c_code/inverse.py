@@ -10,6 +10,7 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.c_code.source import Precision, numbers
+from octoplan.planner.limits import Limits
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.problem import tension_scales
@@ -93,10 +94,10 @@ def _followed(p: Plan) -> tuple[Array, Array]:
     results: list[Array] = []
     targets: list[Array] = []
     options: dict[str, Any] = {
-        "tension_min": p.problem.limits.lower,
+        "limits": Limits(tension_min=p.problem.limits.lower),
         "accuracy": p.problem.accuracy,
+        "certify": False,
     }
-    options["certify"] = False
     upper = p.problem.limits.upper
     near = p
     for move in _MOVES:

@@ -193,10 +193,9 @@ def check(
     """
     question = options.loaded(scene)
     check_complete(question, "limits")
-    keys = ("tension_max", "tension_min", "total_pull")
-    limits = {key: question.options[key] for key in keys if key in question.options}
+    limits = question.options["limits"]
     with error_context(question.name, "limits"):
-        result = check_arm(question.arm, question.scene, **limits, samples=samples, seed=seed)
+        result = check_arm(question.arm, question.scene, limits=limits, samples=samples, seed=seed)
     return Output(
         lambda: to_text(result),
         record(CheckRecord, result),

@@ -32,7 +32,7 @@ def check_complete(question: SceneFile, *keys: str) -> None:
     """Raise FileError for the first of some keys that a scene file lacks."""
     has = {
         "target": question.targets,
-        "limits": "tension_max" in question.options,
+        "limits": "limits" in question.options,
         "waypoints": question.waypoints,
         "motion": any(question.options.get(name) for name in names_of(MotionTable)),
         "tensions": question.tensions is not None,

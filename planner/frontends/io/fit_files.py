@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,6 +21,7 @@ from octoplan.planner.frontends.io.object_tables import ObjectiveTable, TargetTa
 from octoplan.planner.frontends.io.scene_file import SceneFile, load_decoded, scene_beside
 from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.io.tables import Accuracy, table
+from octoplan.planner.limits import Limits
 
 ManufacturingTable: Any = table(ManufacturingLimits)
 ReachTable: Any = table(Reach, tag="reach")
@@ -89,9 +89,9 @@ def run_design(path: str | Path) -> Design:
     """Return the design for a file; raise FileError with the file and the key."""
     name = str(path)
     file, question, unknowns = _read(path_of(path), DesignFile, "tasks", "design")
-    if question.options.get("tension_min") or question.options.get("total_pull"):
+    limits: Limits = question.options.get("limits", Limits())
+    if limits != Limits(limits.tension_max):
         raise FileError(name, "limits", "must be tension_max alone in a design file")
-    most = question.options.get("tension_max", math.inf)
     with error_context(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
         tasks = [value_of(item) for item in file.tasks]
@@ -100,7 +100,7 @@ def run_design(path: str | Path) -> Design:
             tasks,
             unknowns,
             scene=question.scene,
-            tension_max=most,
+            tension_max=limits.tension_max,
             manufacturing=value_of(file.manufacturing),
             objective=objective,
         )

@@ -18,8 +18,8 @@ from octoplan.model.arm import PAPER_ARMS, PAPER_FRAME, Arm
 from octoplan.model.effects.base import Effect
 from octoplan.model.extensions import public_extensions as model_extensions
 from octoplan.model.extensions.cross_sections import Rectangle, SectionStiffness, Tube
-from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Obstacle
-from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.extensions.obstacles import Box, Mesh, Moving
+from octoplan.model.extensions.obstacles.base import Convex, Obstacle
 from octoplan.model.support.errors import FileError, InputError
 from octoplan.model.support.quantities import Vector
 from octoplan.planner.extensions import public_extensions as planner_extensions

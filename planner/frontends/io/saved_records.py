@@ -13,7 +13,8 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.obstacles import Moving, Obstacle
+from octoplan.model.extensions.obstacles import Moving
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.scene import Scene
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, ClearanceRow, Place
@@ -45,7 +46,7 @@ from octoplan.planner.frontends.io.records import (
     records,
 )
 from octoplan.planner.frontends.io.tables import Number, exact, exact_choices, struct, type_in_file
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.solution import Solution
 
 WRITE |= dict.fromkeys((ClearanceConstraints, ClearanceRow, Place))
@@ -53,7 +54,7 @@ ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
 TargetKind: Any = choice(map(exact, TARGETS))
 ArmKind: Any = exact(Arm)
 SceneKind: Any = exact(Scene)
-LimitsKind: Any = exact(Limits, placed=True)
+LimitsKind: Any = exact(TendonLimits, placed=True)
 ShapeKind: Any = exact(Measured, placed=True)
 UnknownKind: Any = exact(Unknown, placed=True)
 

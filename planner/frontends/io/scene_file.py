@@ -38,7 +38,7 @@ from octoplan.planner.frontends.io.scene_tables import (
     scene_of,
     with_defaults,
 )
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import Limits, checked_limits
 from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets import Target
 
@@ -216,10 +216,11 @@ def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
 
 def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:
     """Return the limits as arguments of plan, checked."""
-    result = _without_none(arguments_of(table))
-    limits = Limits.of(arm, result["tension_max"], result["tension_min"], result.get("total_pull"))
-    limits.with_strokes(arm, result.get("stroke_max"), result.get("stroke_min"))
-    return result
+    given = arguments_of(table)
+    zero = given.pop("stroke_zero")
+    limits = Limits(**given)
+    checked_limits(arm, Scene(), limits=limits)
+    return {"limits": limits, "stroke_zero": zero}
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:

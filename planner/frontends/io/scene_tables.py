@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta, structs
 
 import octoplan.model.effects
-from octoplan.model.effects import Effect
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions import public_extensions
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.scene import Scene

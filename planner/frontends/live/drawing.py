@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Array
 from octoplan.model.rotations import from_matrix
 from octoplan.model.shape import Shape

@@ -22,8 +22,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable, stability_slope
-from octoplan.model.extensions.obstacles import Obstacle
-from octoplan.model.extensions.obstacles.base import distances_from
+from octoplan.model.extensions.obstacles.base import Obstacle, distances_from
 from octoplan.model.forward import collocation_map
 from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.paths import Array
@@ -34,7 +33,7 @@ from octoplan.model.support.errors import OctoplanError, SingularError
 from octoplan.model.support.progress import limited
 from octoplan.planner.certificate import BRINK
 from octoplan.planner.frontends.live.handles import Goal
-from octoplan.planner.limits import Limits, natural_tensions
+from octoplan.planner.limits import TendonLimits, natural_tensions
 
 # Miss, over the arm length, below which the arm is at the goal: about a pixel. ACCURACY is
 # also the weight of the effort, in units of the mean tension that bends the arm by 1 rad.
@@ -79,7 +78,7 @@ class Follower:
     ----------
     shape : Shape
         The current shape.
-    limits : Limits
+    limits : TendonLimits
     around : (obstacles, clearance)
         Obstacles, and clearance [m].
     brink : bool
@@ -90,7 +89,7 @@ class Follower:
         self,
         arm: Arm,
         scene: Scene,
-        limits: Limits,
+        limits: TendonLimits,
         around: tuple[tuple[Obstacle, ...], float],
         machine_code: bool = False,
         tensions: Array | None = None,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import Effect
-from octoplan.model.extensions.obstacles import Obstacle, check_obstacles
+from octoplan.model.effects.base import Effect
+from octoplan.model.extensions.obstacles.base import Obstacle, check_obstacles
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape

@@ -18,8 +18,8 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-un
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.clearance import Clearance, clearance
 from octoplan.model.extensions.clearance.nearest import ITSELF
-from octoplan.model.extensions.obstacles import HalfSpace, Obstacle
-from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.extensions.obstacles import HalfSpace
+from octoplan.model.extensions.obstacles.base import Convex, Obstacle
 from octoplan.model.loads import has_complementarity
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene

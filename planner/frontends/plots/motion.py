@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle

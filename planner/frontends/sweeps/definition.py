@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from octoplan.model import InputError
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.loads import check_loads, is_loaded
 from octoplan.model.scene import Scene

@@ -11,7 +11,6 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     NeoHookean,
@@ -20,6 +19,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from tests.collocation import collocated
 from tests.core.effects.cases import RODS, Array, fem_arm, fem_cases, name_of

@@ -16,7 +16,6 @@ from octoplan.model import settle_many as many
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     NeoHookean,
@@ -26,6 +25,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.planner import plan, switch_effects

@@ -34,7 +34,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.effects import Buoyancy, Effect, ExactTendons, Extension, Shear, Weight
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Shear, Weight
+from octoplan.model.effects.base import Effect
 from tests.core.effects.cases import Array
 
 elastica: Any = pytest.importorskip(

@@ -21,21 +21,17 @@ from octoplan.model import (
     Material,
     RestCurvature,
     Scene,
-    ShapeWarning,
     SnapError,
     settle,
     settle_many,
 )
-from octoplan.model.effects import (
-    Effect,
-    ExactTendons,
-    Extension,
-    TipLoad,
-)
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.stiffness import stiffness
+from octoplan.model.support.errors import ShapeWarning
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan
 from octoplan.planner.frontends.bodies.mjcf import mjcf

@@ -20,15 +20,8 @@ from octoplan.model import (
     settle,
     settle_many,
 )
-from octoplan.model.effects import (
-    Effect,
-    ExactTendons,
-    Extension,
-    NeoHookean,
-    Shear,
-    TipLoad,
-    Weight,
-)
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Shear, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan, plan, stiffness
@@ -233,7 +226,11 @@ def test_plans_of_curved_arms_are_certified_and_load_back(
     effects: tuple[Effect, ...], tmp_path: object
 ) -> None:
     found = plan(
-        CURVED, TipPosition((0.25, 0.1, -0.1)), Scene(Extension(), *effects), 20.0, starts=2
+        CURVED,
+        TipPosition((0.25, 0.1, -0.1)),
+        Scene(Extension(), *effects),
+        20.0,
+        starts=2,
     )
     assert found.certificate.passed
     again = load_plan(found.save(f"{tmp_path}/plan.json"))

@@ -13,7 +13,6 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     NeoHookean,
@@ -22,6 +21,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.printed import PrintedStatics
 from tests.core.effects.cases import EXACT

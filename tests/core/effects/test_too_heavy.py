@@ -14,13 +14,8 @@ from octoplan.model import (
     Scene,
     settle,
 )
-from octoplan.model.effects import (
-    Current,
-    Effect,
-    Extension,
-    TipLoad,
-    Weight,
-)
+from octoplan.model.effects import Current, Extension, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import TipPosition

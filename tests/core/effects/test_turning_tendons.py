@@ -19,7 +19,8 @@ from octoplan.model import (
     settle_many,
     tip_jacobian,
 )
-from octoplan.model.effects import Effect, ExactTendons, Extension, TipLoad, Weight
+from octoplan.model.effects import ExactTendons, Extension, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.stations import stations, tendon_paths
 from octoplan.model.tendons import rest_lengths

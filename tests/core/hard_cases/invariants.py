@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from octoplan.model import Arm, Material, Scene, conical, settle, tip_jacobian
+from octoplan.model import Arm, Material, Scene, settle, tip_jacobian
+from octoplan.model.arm import conical
 from octoplan.model.effects import TipLoad
 from octoplan.planner import plan, stiffness
 from octoplan.planner.targets import TipPosition

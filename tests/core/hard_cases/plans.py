@@ -7,6 +7,7 @@ import numpy as np
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.planner import plan
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import TipPosition
 from tests.core.hard_cases.family import Array, Family, RefusedError, WrongAnswerError
 from tests.oracles import paper_rod, poses
@@ -43,7 +44,7 @@ def check_ill_posed(tip: Array, most: Array, least: Array) -> float:
     """Return the distance of the oracle's tip under a certified plan from the target, over L."""
     arm = Arm.from_paper("table-4")
     target = TipPosition(tuple(tip.tolist()))
-    found = plan(arm, target, Scene(Extension()), most, tension_min=least)
+    found = plan(arm, target, Scene(Extension()), most, limits=Limits(tension_min=least))
     T = np.ravel(found.tensions)
     beyond = np.maximum(T - most, least - T)
     if beyond.max() > 1e-9:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq
 
-from octoplan.model import Anchorage, Arm, CollapsedError, Linear, Scene, settle
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension
+from octoplan.model.support.errors import CollapsedError
 from tests.core.hard_cases.family import Array, Family, WrongAnswerError, relative
 from tests.core.hard_cases.sections import CrossSection
 from tests.core.model.cases import arm_of

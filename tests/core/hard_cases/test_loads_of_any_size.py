@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.effects import Effect, ExactTendons, Extension, TipLoad
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.effects.base import Effect
 from tests.core.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, paper_rod
 

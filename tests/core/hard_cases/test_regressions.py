@@ -7,11 +7,11 @@ import pickle
 import numpy as np
 import pytest
 
-from octoplan.model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle, settle_many
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.rod.discrete_rod import system
-from octoplan.model.support.errors import UnsettledSectionError
+from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
 from tests.collocation import collocated
 from tests.core.effects.bars import capstan, one_tendon
 from tests.core.hard_cases.loads import check_rubbed

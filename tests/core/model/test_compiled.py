@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, OctoplanError, Scene, settle, settle_many, tip_jacobian
-from octoplan.model.effects import (
-    Current,
-    Effect,
-    ExactTendons,
-    Extension,
-    Shear,
-    TipLoad,
-    Weight,
-)
+from octoplan.model.effects import Current, ExactTendons, Extension, Shear, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.stiffness import stiffness

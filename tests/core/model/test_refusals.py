@@ -14,21 +14,20 @@ import pytest
 from octoplan.model import (
     Anchorage,
     Arm,
-    CollapsedError,
-    ConvergenceError,
     InputError,
     Linear,
     Material,
     OctoplanError,
     Sampled,
     Scene,
-    conical,
-    length_response,
     settle,
     settle_many,
 )
+from octoplan.model.arm import conical
+from octoplan.model.compliance import length_response
 from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.clearance import clearance
+from octoplan.model.support.errors import CollapsedError, ConvergenceError
 from tests.oracles import Array, paper_rod, strain
 from tests.refusals import Refused, check_refusal
 

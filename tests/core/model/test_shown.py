@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import octoplan
-from octoplan.model import Arm, Material, Scene, ShapeWarning, conical, settle, settle_many
+from octoplan.model import Arm, Material, Scene, settle, settle_many
+from octoplan.model.arm import conical
 from octoplan.model.effects import (
     Buoyancy,
     ExactTendons,
@@ -19,6 +20,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.extensions.printed import PrintedStatics
+from octoplan.model.support.errors import ShapeWarning
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 from tests.warned import detailed

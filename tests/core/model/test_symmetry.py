@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from octoplan.model import Arm, Scene, Shape, conical, settle
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.arm import conical
 from octoplan.model.effects import Extension
 from tests.core.model.cases import arm_of, mild_tensions, paper_tensions, random_rod
 from tests.oracles import Array

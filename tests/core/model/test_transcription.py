@@ -6,11 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, ConvergenceError, Scene, settle
+from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     PointLoad,
@@ -18,10 +17,12 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.verification import verify
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
+from octoplan.model.support.errors import ConvergenceError
 from tests.core.planner.cases import moderate
 from tests.differences import Array, check_rows, fourth_order
 

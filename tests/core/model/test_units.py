@@ -11,16 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octoplan.model import Anchorage, Arm, InputError, Linear, Material, Scene, UnitWarning, conical
+from octoplan.model import Anchorage, Arm, InputError, Linear, Material, Scene
+from octoplan.model.arm import conical
 from octoplan.model.effects import Buoyancy, Current, Weight
 from octoplan.model.support.errors import FileError
+from octoplan.model.support.units import UnitWarning
 from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.frontends.sweeps.definition import sweep_of
-from octoplan.planner.limits import Limits
+from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import check_targets
-from octoplan.planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
+from octoplan.planner.targets import Backbone, Bend, BendingPlane, Fetch, TipPosition
+from octoplan.planner.targets.fetch import FetchReach
 from tests.warned import detailed
 
 ARM = Arm.from_paper("table-4")
@@ -70,11 +73,11 @@ LIKELY: dict[str, tuple[Callable[[], Any], str]] = {
         r"Arm\.radius is 33\.3 arm lengths; .* 1000 times too large",
     ),
     "kilonewtons for a limit": (
-        lambda: Limits.of(ARM, 1e-4),
+        lambda: TendonLimits.of(ARM, 1e-4),
         r"tension_max bends the arm by about 0\.002 rad",
     ),
     "millinewtons for a limit": (
-        lambda: Limits.of(ARM, 20e3),
+        lambda: TendonLimits.of(ARM, 20e3),
         r"at least 7e\+03 times the tension .* if millinewtons were meant, divide by 1000",
     ),
     "millimetres for an arm": (
@@ -121,9 +124,9 @@ def test_usual_numbers_are_no_reason() -> None:
         Weight((0.0, 0.0, 0.0))
         Weight((0.0, 0.0, 9.81))
         Buoyancy(1.2)
-        Limits.of(ARM, 0.0)
-        Limits.of(ARM, 1e3)
-        Limits.of(ARM, np.inf)
+        TendonLimits.of(ARM, 0.0)
+        TendonLimits.of(ARM, 1e3)
+        TendonLimits.of(ARM, np.inf)
         conical(0.004, (2e-4, 1e-4), [(0.004, 1e-4, 5e-5)])
         conical(12.0, (0.2, 0.1), [(12.0, 0.1, 0.05)])
         check_targets(ARM, TipPosition((0.0, 0.0, 0.0)))

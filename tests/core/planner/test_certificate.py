@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, OctoplanError, Shape, settle
-from octoplan.planner import Limits, plan
+from octoplan.planner import plan
 from octoplan.planner.certificate import COMPLEMENTARITY, Check, Optimality
 from octoplan.planner.certification import certify
 from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
+from octoplan.planner.limits import Limits, TendonLimits
 from octoplan.planner.targets import TipPosition
 from tests.core.planner.cases import PAPER, changed, moderate, paper_tip
 
@@ -43,19 +44,19 @@ def test_a_tension_changed_by_a_thousandth_fails(j: int) -> None:
 @pytest.mark.parametrize(
     "limits",
     [
-        Limits.of(ARM, PLAN.tensions.max() * 0.999),
-        Limits.of(ARM, 20.0, PLAN.tensions.ravel() + 1e-9),
-        Limits.of(ARM, 20.0, total=PLAN.tensions.sum() * 0.999),
+        TendonLimits.of(ARM, PLAN.tensions.max() * 0.999),
+        TendonLimits.of(ARM, 20.0, PLAN.tensions.ravel() + 1e-9),
+        TendonLimits.of(ARM, 20.0, total=PLAN.tensions.sum() * 0.999),
     ],
     ids=["above a maximum", "below a minimum", "above the total"],
 )
-def test_tensions_outside_of_their_limits_fail(limits: Limits) -> None:
+def test_tensions_outside_of_their_limits_fail(limits: TendonLimits) -> None:
     tight = changed(PLAN, limits=limits)
     assert any("tension limit violated" in failure for failure in tight.certificate.failures)
 
 
 def test_needless_effort_is_reported_beside_the_verdict() -> None:
-    wasteful = plan(ARM, PLAN.targets, PAPER, 20.0, tension_min=0.05)
+    wasteful = plan(ARM, PLAN.targets, PAPER, 20.0, limits=Limits(tension_min=0.05))
     assert wasteful.certificate.passed
     loosened = changed(wasteful, limits=PLAN.problem.limits)
     assert loosened.certificate.residual <= wasteful.problem.accuracy / 10

@@ -12,7 +12,6 @@ from octoplan.model import Anchorage, Arm, Linear, Scene
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     NeoHookean,
@@ -21,10 +20,14 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
-from octoplan.planner import Limits, NlpOptions, Problem, plan
+from octoplan.planner import plan
+from octoplan.planner.limits import Limits, TendonLimits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.problem import Problem
 from octoplan.planner.targets import Backbone, TipPosition
 from tests.differences import Array, all_of, check_derivatives, dense, whole
 
@@ -76,10 +79,17 @@ def test_how_near_a_target_is_had_does_not_depend_on_the_norm_of_effort() -> Non
     angles = tuple(np.radians([276.2, 6.2, 96.2, 186.2]).tolist())
     arm = Arm(0.3, Linear(0.012, 0.007), (Anchorage(0.3, Linear(0.007, 0.004), angles),))
     ball, target = Sphere((0.1855, 0.0869, 0.0769), 0.02), TipPosition((0.149, 0.117, 0.1326))
-    limits: dict[str, Any] = {"tension_max": 5.0, "tension_min": 0.05, "total_pull": 1.8}
+    limits = Limits(tension_max=5.0, tension_min=0.05, total_pull=1.8)
     missed = []
     for norm in ("2", "inf"):
-        found = plan(arm, target, Scene(Extension()), norm=norm, obstacles=[ball], **limits)
+        found = plan(
+            arm,
+            target,
+            Scene(Extension()),
+            norm=norm,
+            obstacles=[ball],
+            limits=limits,
+        )
         missed.append(found.certificate.residual)
         assert found.optimum is not None
         problem, x = found.program(), found.optimum.x
@@ -93,7 +103,7 @@ def check_program(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
     s = arm.length * np.array([0.4, 0.7])
     through = Backbone(((0.1, 0.05, 0.0), (0.15, 0.1, 0.02)), tuple(s))
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
-    limits = Limits.of(arm, 20.0)
+    limits = TendonLimits.of(arm, 20.0)
     options = NlpOptions(mode=mode, refinement=1, modes=modes)
     problem = Problem(PlanningProblem(arm, targets, scene, limits, options, 1e-6))
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)

@@ -1,12 +1,14 @@
 """Limits and norms have their documented effect; out of reach, plans return the nearest shape."""
 
+import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, Scene, settle
+from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.planner import plan
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.core.planner.cases import PAPER, moderate, paper_tip
 
@@ -25,14 +27,14 @@ def test_each_norm_is_least_in_its_own_measure() -> None:
 
 def test_a_total_pull_may_be_the_sum_of_the_minima() -> None:
     """Due to rounding 12 times 0.1 is above 1.2: the limit was refused, "must be 1.2 N"."""
-    held = plan(ARM, TARGET, PAPER, 20.0, tension_min=0.1, total_pull=1.2)
+    held = plan(ARM, TARGET, PAPER, 20.0, limits=Limits(tension_min=0.1, total_pull=1.2))
     assert held.tensions == pytest.approx(np.full((3, 4), 0.1), abs=1e-8)
 
 
 def test_a_total_pull_is_kept_and_costs_effort() -> None:
     free = plan(ARM, TARGET, PAPER, 20.0)
     limit = 0.5 * (free.tensions.sum() + plan(ARM, TARGET, PAPER, 20.0, norm="1").tensions.sum())
-    held = plan(ARM, TARGET, PAPER, 20.0, total_pull=limit)
+    held = plan(ARM, TARGET, PAPER, 20.0, limits=Limits(total_pull=limit))
     assert held.certificate.passed
     assert held.tensions.sum() <= limit * (1 + 1e-9)
     assert held.effort > free.effort
@@ -41,7 +43,7 @@ def test_a_total_pull_is_kept_and_costs_effort() -> None:
 def test_minima_are_kept_and_so_are_tendons_that_are_fixed() -> None:
     low, high = np.full((3, 4), 0.01), np.full((3, 4), 20.0)
     low[1, 1] = high[1, 1] = 0.3
-    found = plan(ARM, TARGET, PAPER, high, tension_min=low)
+    found = plan(ARM, TARGET, PAPER, high, limits=Limits(tension_min=low))
     assert found.certificate.passed
     assert found.tensions[1, 1] == 0.3
     assert found.tensions.min() >= 0.01
@@ -120,6 +122,28 @@ def test_a_bare_arm_bends_where_an_arm_with_extension_would_be_crushed() -> None
 
 
 def test_a_minimum_that_holds_is_named() -> None:
-    straight = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), PAPER, 20.0, tension_min=0.1)
+    straight = plan(
+        ARM, TipPosition((ARM.length, 0.0, 0.0)), PAPER, 20.0, limits=Limits(tension_min=0.1)
+    )
     assert not straight.reached
     assert "at its minimum of 0.1 N" in straight.outcome and "out of reach" not in straight.outcome
+
+
+def test_limits_are_values_that_pickle() -> None:
+    rows = np.array([[1.0, 2.0], [3.0, np.inf]])
+    limits = Limits(tension_max=rows, stroke_min=[-0.01, -0.02])
+    assert limits == Limits(((1.0, 2.0), (3.0, np.inf)), stroke_min=(-0.01, -0.02))
+    assert pickle.loads(pickle.dumps(limits)) == limits
+    assert len({limits, Limits(rows.tolist(), stroke_min=(-0.01, -0.02))}) == 1
+
+
+def test_the_largest_tension_may_be_among_the_limits() -> None:
+    alone = plan(ARM, TARGET, PAPER, limits=Limits(tension_max=20.0))
+    assert np.array_equal(alone.tensions, plan(ARM, TARGET, PAPER, 20.0).tensions)
+
+
+def test_a_largest_tension_that_is_given_twice_is_refused() -> None:
+    with pytest.raises(InputError, match=r"limits.tension_max = 20.0: must be omitted if"):
+        plan(ARM, TARGET, PAPER, 20.0, limits=Limits(tension_max=20.0))
+    with pytest.raises(InputError, match=r"limits = .*: must be Limits"):
+        plan(ARM, TARGET, PAPER, limits={"tension_max": 20.0})  # type: ignore[arg-type]

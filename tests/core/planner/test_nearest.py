@@ -11,8 +11,9 @@ import pytest
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, Shear, Weight
 from octoplan.model.paths import Array
-from octoplan.planner import NlpOptions, plan
-from octoplan.planner.limits import Limits
+from octoplan.planner import plan
+from octoplan.planner.limits import TendonLimits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.relaxation_stage import solve_from_guess
@@ -50,7 +51,7 @@ EXACT = Scene(Extension(), ExactTendons())
 def _task(
     arm: Arm, place: tuple[float, ...], scene: Scene, maxima: tuple[float, ...]
 ) -> PlanningProblem:
-    limits, target = Limits.of(arm, np.array(maxima)), TipPosition(place)  # type: ignore[arg-type]
+    limits, target = TendonLimits.of(arm, np.array(maxima)), TipPosition(place)  # type: ignore[arg-type]
     return PlanningProblem(arm, (target,), scene, limits, NlpOptions(), 1e-6)
 
 

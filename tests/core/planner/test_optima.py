@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from octoplan.model import Arm, Scene, conical, settle
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.arm import conical
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.nlp_solution import NlpSolution
@@ -115,7 +116,13 @@ def test_an_arm_at_rest_has_no_mirror_image() -> None:
 def test_loads_across_the_plane_have_no_mirror_image(load: object) -> None:
     scene, T = Scene(Extension(), load), np.zeros((3, 4))
     T[2, [0, 1]] = 1.0
-    p = plan(ARM, TipPosition(tuple(settle(ARM, T, scene).tip)), scene, 20.0, starts=2)
+    p = plan(
+        ARM,
+        TipPosition(tuple(settle(ARM, T, scene).tip)),
+        scene,
+        20.0,
+        starts=2,
+    )
     assert p.reached
     assert not p.mirror_images()
 

@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, InputError, settle
-from octoplan.planner import Plan, export_plan, plan, plan_many, program
+from octoplan.planner import Plan, plan, plan_many, program
 from octoplan.planner.block import Block
 from octoplan.planner.blocks import TotalPull
+from octoplan.planner.frontends.c_code.export import export_plan
+from octoplan.planner.limits import Limits
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.strategy import Strategy
-from octoplan.planner.targets import Target, Terms, TipPosition, View, target_set
+from octoplan.planner.targets import Target, TipPosition, target_set
+from octoplan.planner.targets.base import Terms, View
 from octoplan.planner.targets.target_set import TargetSet
 from tests.core.planner.cases import PAPER, Array, moderate
 
@@ -278,7 +281,7 @@ LIMIT = 0.98 * float(FREE.tensions.sum())
 
 
 def test_constraints_of_a_strategy_enter_every_program() -> None:
-    limited = plan(ARM, FREE.targets, PAPER, 20.0, total_pull=LIMIT)
+    limited = plan(ARM, FREE.targets, PAPER, 20.0, limits=Limits(total_pull=LIMIT))
     strategy = LimitedStrategy()
     found = strategy.plan(FREE.problem, None)
     assert found.tensions.sum() == pytest.approx(limited.tensions.sum(), rel=1e-6)

@@ -19,6 +19,7 @@ from octoplan.planner.frontends.live.handles import handle_of
 from octoplan.planner.frontends.plots.motion import plot_motion, save_motion
 from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains, save
 from octoplan.planner.frontends.plots.results import plot_ellipsoids
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import (
     Backbone,
     Bend,
@@ -60,13 +61,17 @@ PLANS: Refused = {
     "maximum a string": (lambda: plan(LONG, TIP, PAPER, "20 N"), "tension_max", ""),
     "maxima of the wrong size": (lambda: plan(LONG, TIP, PAPER, [1, 2, 3]), "tension_max", ""),
     "minimum above maximum": (
-        lambda: plan(LONG, TIP, PAPER, 1.0, tension_min=2.0),
+        lambda: plan(LONG, TIP, PAPER, 1.0, limits=Limits(tension_min=2.0)),
         "tension_min",
         "",
     ),
-    "minimum infinite": (lambda: plan(LONG, TIP, PAPER, tension_min=np.inf), "tension_min", ""),
+    "minimum infinite": (
+        lambda: plan(LONG, TIP, PAPER, limits=Limits(tension_min=np.inf)),
+        "tension_min",
+        "",
+    ),
     "minimum out of this world": (
-        lambda: plan(LONG, TIP, PAPER, tension_min=1e20),
+        lambda: plan(LONG, TIP, PAPER, limits=Limits(tension_min=1e20)),
         "tension_min[0]",
         "",
     ),
@@ -74,7 +79,9 @@ PLANS: Refused = {
     "ragged maxima": (lambda: plan(LONG, TIP, PAPER, [1, [2, 3], [4]]), "tension_max", ""),
     "maxima in rows of rows": (lambda: plan(LONG, TIP, PAPER, [[[1.0]]]), "tension_max", ""),
     "total below minima": (
-        lambda: plan(LONG, TIP, PAPER, 5.0, tension_min=1.0, total_pull=LONG.n_tendons - 1e-3),
+        lambda: plan(
+            LONG, TIP, PAPER, 5.0, limits=Limits(tension_min=1.0, total_pull=LONG.n_tendons - 1e-3)
+        ),
         "total_pull",
         "",
     ),
@@ -138,8 +145,16 @@ PLANS: Refused = {
     "no target": (lambda: plan(LONG, [], PAPER, 1.0), "target", ""),
     "something else as a target": (lambda: plan(LONG, "up", PAPER, 1.0), "target", ""),
     "a kind of target": (lambda: plan(LONG, TipPosition, PAPER, 1.0), "target", ""),
-    "an unknown norm": (lambda: plan(LONG, TIP, PAPER, 1.0, norm="3"), "norm", ""),
-    "no starts": (lambda: plan(LONG, TIP, PAPER, 1.0, starts=0), "starts", ""),
+    "an unknown norm": (
+        lambda: plan(LONG, TIP, PAPER, 1.0, norm="3"),
+        "norm",
+        "",
+    ),
+    "no starts": (
+        lambda: plan(LONG, TIP, PAPER, 1.0, starts=0),
+        "starts",
+        "",
+    ),
     "an accuracy of 1": (lambda: plan(LONG, TIP, PAPER, 1.0, accuracy=1.0), "accuracy", ""),
     "as printed": (lambda: plan(LONG, TIP, Scene.as_printed(), 1.0), "scene", "settle takes it"),
     "a bend below 0": (lambda: BendingPlane(1.0, -1.0), "BendingPlane.bend", "up to pi"),

@@ -9,8 +9,11 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension, TipLoad, Weight
-from octoplan.planner import Limits, NlpOptions, Plan, Problem, load_plan, plan
+from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.limits import TendonLimits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.problem import Problem
 from octoplan.planner.targets import TipPosition
 from tests.differences import check_derivatives, whole
 
@@ -29,7 +32,9 @@ TARGET = TipPosition(tuple(settle(ARM, T, AIR).tip.tolist()))
 
 def test_derivatives_of_a_stability_are_differences_of_it() -> None:
     options = NlpOptions(refinement=1, modes=1)
-    problem = Problem(PlanningProblem(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), options, 1e-6))
+    problem = Problem(
+        PlanningProblem(ARM, (TARGET,), AIR, TendonLimits.of(ARM, 20.0), options, 1e-6)
+    )
     check_derivatives(whole(problem, problem.parameters()), problem.guess(T + 0.05), 1e-4)
 
 

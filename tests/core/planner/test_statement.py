@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octoplan.model import Arm, Material, Scene, conical
+from octoplan.model import Arm, Material, Scene
+from octoplan.model.arm import conical
 from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.obstacles import Box
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner import plan, trajectory
 from octoplan.planner.certificate import COMPLEMENTARITY, Certificate, Check
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.limits import Limits
 from octoplan.planner.outcome import verdict
 from octoplan.planner.program import Program
 from octoplan.planner.solve import ipopt
@@ -73,7 +75,7 @@ def test_a_tip_in_air_that_unstable_arms_meet_for_less_is_met_by_a_stable_one() 
 
 @pytest.mark.slow
 def test_where_the_margin_cannot_be_had_a_plan_says_that_it_stands_on_the_brink() -> None:
-    found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0, total_pull=8.4)
+    found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0, limits=Limits(total_pull=8.4))
     assert found.certificate.passed
     assert 0.0 < found.certificate.stability < 0.1
     assert "stands on the brink: it yields at 1.00 times its loads" in found.outcome

@@ -12,7 +12,6 @@ from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
     Current,
-    Effect,
     ExactTendons,
     Extension,
     PointLoad,
@@ -20,6 +19,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.loads import is_loaded
 from octoplan.planner import Plan, plan
@@ -240,7 +240,14 @@ def test_weights_move_a_backbone_towards_the_points_that_weigh_more() -> None:
 @pytest.mark.parametrize("norm", ["1", "inf"])
 def test_a_place_is_met_to_nine_digits_whatever_it_costs_to_get_nearer(norm: str) -> None:
     """The target was missed by 5e-9, a billionth of the change of effort along the arm's length."""
-    found = plan(ARM, TipPosition((0.43, 0.1, -0.05)), PAPER, 20.0, norm=norm, accuracy=1e-9)
+    found = plan(
+        ARM,
+        TipPosition((0.43, 0.1, -0.05)),
+        PAPER,
+        20.0,
+        norm=norm,
+        accuracy=1e-9,
+    )
     assert found.reached, found.outcome
     tip = collocated(ARM, found.tensions, PAPER, 3, 64).tip
     assert np.linalg.norm(tip - found.targets[0].position) < 1e-9 * ARM.length

@@ -50,7 +50,14 @@ LEANING = Scene(Extension(), ExactTendons(), Contact(ROD))
 def leaning(**options: Any) -> Plan:
     """Return a plan of a bar that leans on the rod."""
     tip = settle(BAR, [0.0, 0.6, 0.0, 0.0], LEANING).tip
-    return plan(BAR, TipPosition(tuple(tip.tolist())), LEANING, 50.0, starts=1, **options)
+    return plan(
+        BAR,
+        TipPosition(tuple(tip.tolist())),
+        LEANING,
+        50.0,
+        starts=1,
+        **options,
+    )
 
 
 def in_plane(**options: Any) -> Plan:

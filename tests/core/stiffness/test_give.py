@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene
-from octoplan.model.effects import Current, Effect, Extension, Shear, TipLoad
+from octoplan.model.effects import Current, Extension, Shear, TipLoad
+from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
-from octoplan.planner import Limits, NlpOptions
+from octoplan.planner.limits import TendonLimits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
@@ -51,7 +53,7 @@ PROGRAMS: dict[str, Case] = {
 
 def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Problem, Array, Array]:
     """Return a small problem with a stiffness, its parameters, and unknowns at settled tensions."""
-    targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), Limits.of(arm, 20.0)
+    targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), TendonLimits.of(arm, 20.0)
     options = NlpOptions(refinement=1)
     problem = Problem(PlanningProblem(arm, targets, Scene(*effects), limits, options, 1e-6))
     p, rng = problem.parameters(), np.random.default_rng(5)

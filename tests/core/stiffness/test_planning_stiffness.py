@@ -71,7 +71,13 @@ def test_the_tip_stays_and_stiffens_at_the_cost_of_effort(scene: str, factor: fl
 @pytest.mark.slow
 def test_a_matrix_is_a_lower_bound_in_all_directions() -> None:
     M = bound(least("paper").co_contract(0.3))
-    found = plan(ARM, [PLACE, MinimumStiffness(M, 0.98)], STATICS["paper"], MOST, starts=2)
+    found = plan(
+        ARM,
+        [PLACE, MinimumStiffness(M, 0.98)],
+        STATICS["paper"],
+        MOST,
+        starts=2,
+    )
     assert found.certificate.passed, found.outcome
     assert off(found) < KEPT
     root = np.linalg.inv(np.linalg.cholesky(M))

@@ -12,6 +12,7 @@ import pytest
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension, TipLoad
 from octoplan.planner import Plan, plan, stiffness
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.collocation import collocated
 from tests.core.stiffness.cases import IN_WATER, STATICS, Array, moved, pushed, with_effects
@@ -46,7 +47,7 @@ def place(arm: str, scene: str) -> TipPosition:
 @cache
 def least(arm: str, scene: str) -> Plan:
     """The plan of least effort for that place."""
-    return plan(ARMS[arm], place(arm, scene), SCENES[scene], MOST, tension_min=LEAST)
+    return plan(ARMS[arm], place(arm, scene), SCENES[scene], MOST, limits=Limits(tension_min=LEAST))
 
 
 def stretchy(hold: Any) -> float | None:
@@ -110,7 +111,9 @@ def test_the_stiffness_that_was_asked_for_is_had_at_the_place(
     wanted = 1.1 * stiff(before, hold)
     target = MinimumStiffness(ALONG, wanted, hold, stretchy(hold))
     targets = [place(arm, scene), target]
-    found = plan(ARMS[arm], targets, SCENES[scene], MOST, tension_min=LEAST, accuracy=1e-8)
+    found = plan(
+        ARMS[arm], targets, SCENES[scene], MOST, limits=Limits(tension_min=LEAST), accuracy=1e-8
+    )
     assert found.certificate.passed, found.outcome
     assert found.outcome.startswith("Reached")
     tip = collocated(found.arm, found.tensions, found.scene, 2, 64).tip
@@ -150,7 +153,10 @@ def test_nothing_is_stiffer_than_the_stiffest_at_the_place_or_softer_than_the_so
     before = stiff(least(arm, scene), "tension")
     targets = (Stiffest(ALONG), Softest(ALONG))
     where = place(arm, scene)
-    plans = [plan(ARMS[arm], [where, t], SCENES[scene], MOST, tension_min=LEAST) for t in targets]
+    plans = [
+        plan(ARMS[arm], [where, t], SCENES[scene], MOST, limits=Limits(tension_min=LEAST))
+        for t in targets
+    ]
     for found in plans:
         assert found.certificate.passed, found.outcome
         assert found.tensions.max() <= MOST

@@ -10,7 +10,8 @@ from scipy.linalg import eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
 from octoplan.model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from octoplan.model.effects import Buoyancy, Current, Effect, Extension, PointLoad, TipLoad, Weight
+from octoplan.model.effects import Buoyancy, Current, Extension, PointLoad, TipLoad, Weight
+from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.stability import (
     is_stable,
