@@ -56,9 +56,12 @@ class Rule:
     ----------
     apply : function
         Returns the final argument from the name and the converted value, or raises InputError.
+    is_first : bool
+        Whether `apply` gets the given value instead, and its result is converted.
     """
 
     apply: Convert
+    is_first: bool = False
 
 
 @overload
@@ -131,13 +134,14 @@ def converter(hint: Any, outer: Bounds | None = None) -> Convert:
     The bounds of a union, `outer`, apply to its members.
     """
     bounds = (outer or {}) | _bounds(hint)
-    rules = [each.apply for each in getattr(hint, "__metadata__", ()) if isinstance(each, Rule)]
+    rules = [each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Rule)]
     convert = _of_type(bare(hint), bounds)
+    first = [rule.apply for rule in rules if rule.is_first]
+    last = [rule.apply for rule in rules if not rule.is_first]
 
     def ruled(name: str, argument: Any) -> Any:
-        argument = convert(name, argument)
-        for rule in rules:
-            argument = rule(name, argument)
+        for step in (*first, convert, *last):
+            argument = step(name, argument)
         return argument
 
     return ruled if rules else convert
@@ -289,7 +293,7 @@ def _tuples(nested: Any) -> Any:
 
 
 def _items(hint: Any, least: int) -> Convert:
-    """Return the converter of a named tuple or a sequence with items that are not only numbers."""
+    """Return the converter of a tuple or a sequence with items that are not only numbers."""
     parts, is_endless = _parts(hint)
     each = [converter(part) for part in parts]
     allowed = f"a tuple of which each is {such(bare(parts[0]))}" if is_endless else such(hint)
@@ -302,7 +306,10 @@ def _items(hint: Any, least: int) -> Convert:
             raise InputError(name, argument, message)
         if is_endless:
             return tuple(each[0](f"{name}[{i}]", item) for i, item in enumerate(argument))
-        rows = zip(hint._fields, each, argument, strict=True)
-        return hint(*(convert(f"{name}.{item}", x) for item, convert, x in rows))
+        ends = [f".{item}" for item in getattr(hint, "_fields", ())]
+        ends = ends or [f"[{i}]" for i in range(len(each))]
+        rows = zip(ends, each, argument, strict=True)
+        items = [convert(f"{name}{end}", x) for end, convert, x in rows]
+        return hint(*items) if hasattr(hint, "_fields") else tuple(items)
 
     return convert

@@ -45,7 +45,24 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "offset in mm": (measuring(points=[(0.1, (0, 0, 20), (0, 0, -0.1))]), "offset.*is it in mm"),
     "place in mm": (measuring(points=[(0.1, (0, 0, 0), (0, 0, -100.0))]), "is it in mm"),
     "place in km": (measuring(points=[(0.2, (0, 0, 0), (0, 0, -1e-4))]), "1000 times too small"),
-    "no number": (measuring(points=[(0.1, (0, 0, 0), (0, float("nan"), 0))]), "finite"),
+    "no number": (
+        measuring(points=[(0.1, (0, 0, 0), (0, float("inf"), 0))]),
+        r"place\[1\].*finite",
+    ),
+    "no coordinate": (
+        measuring(points=[(0.1, (0, 0, 0), (None, float("nan"), None))]),
+        r"points\[0\].place = \(None, None, None\): must be .* one coordinate; None in place of",
+    ),
+    "no coordinate of the tip": (
+        measuring(tip=(None, None, None)),
+        r"Measured.tip = \(None, None, None\): must be a place with at least one coordinate",
+    ),
+    "two coordinates": (measuring(tip=(0.1, 0.1)), r"Measured.tip = .*\(x, y, z\) in m, None or"),
+    "a coordinate in mm": (measuring(tip=(None, None, -200.0)), "tip, z = .*is it in mm"),
+    "only coordinates that nothing moves": (
+        measuring(points=[(*POINT[:2], (0.0, None, None))]),
+        r"measured\[0\]: points\[0\] = \(0.0, None, None\): must be .* depend on arm.E_kPa",
+    ),
     "no place": (measuring(points=[(0.1, (0, 0, 0))]), "all in m"),
     "nothing measured": (measuring(points=[]), "points, frames, a tip"),
     "two lengths": (measuring(lengths=[0.2, 0.2]), "one of each of 3"),

@@ -102,9 +102,9 @@ def test_rows_that_are_wrong_are_told(folder: Path, old: str, new: str, told: st
 def test_a_marker_that_is_no_number_is_told_by_its_row(folder: Path) -> None:
     shapes = folder / "shapes.csv"
     lines = shapes.read_text().splitlines()
-    lines[4] = ",".join([*lines[4].split(",")[:-1], "nan"])
+    lines[4] = ",".join([*lines[4].split(",")[:-1], "low"])
     shapes.write_text("\n".join(lines))
-    with pytest.raises(FileError, match="line 5: M2_z_mm = 'nan'"):
+    with pytest.raises(FileError, match="line 5: M2_z_mm = 'low'"):
         load_asked(folder / "calibration.toml")
 
 

@@ -32,6 +32,9 @@ ACCURACY = 1e-5
 _ASTRAY = 1e-3
 # Largest number of fits that restart from shapes settled from rest.
 _ROUNDS = 3
+# Change of a measured number from bound to bound of an unknown, over the arm's length, below which
+# the number does not depend on the unknown: rounding of settled shapes.
+_UNDETERMINED = 1e-9
 _JUMPS = "it jumps to another shape near the values of the optimum"
 # Refinement and number of stages of the meshes, from the first fits to the finest mesh.
 _MESHES = ((1, 2), (2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
@@ -93,8 +96,8 @@ def calibrate(
     ------
     InputError
         If markers are off the arm or in other units, if keys are unknown, if bounds exclude the
-        given value, if there are fewer data than unknowns, or if the scene is as printed or has
-        contact.
+        given value, if there are fewer data than unknowns, if places lack the coordinates that
+        depend on unknowns, or if the scene is as printed or has contact.
     UnsettledShapeError
         If a shape settles neither at the given values nor at the estimate. A shape that settles but
         cannot be followed to the optimum is excluded instead; see Calibration.left_out.
@@ -220,6 +223,7 @@ class _Search:
         if self.best is None:
             raise problems[-1]
         self.best = self._from_rest(self._refined(self.best.evaluation, origin))
+        _check_partial_places(self.best.evaluation)
 
     def left_out(self, best: Fit) -> tuple[tuple[str, str], ...]:
         """Return the names of the shapes that a fit excludes, each with the reason.
@@ -312,6 +316,26 @@ class _Search:
 
     def _experiment(self, refinement: int, stages: int) -> Experiment:
         return Experiment(self.parameters, self.shapes, refinement, stages, self.machine_code)
+
+
+def _check_partial_places(best: Evaluation) -> None:
+    """Raise InputError if places lack coordinates, and no unknown changes any measured number."""
+    partial = [
+        (shape, sensor)
+        for shape in best.experiment.shapes
+        for sensor in shape.markers
+        if None in sensor.value
+    ]
+    if not partial:
+        return
+    parameters = best.experiment.parameters
+    tolerance = _UNDETERMINED * parameters.given.arm.length
+    changes = [np.abs(J * parameters.range).max(initial=0.0) for J in best.jacobians.values()]
+    if max(changes, default=0.0) < tolerance:
+        shape, sensor = partial[0]
+        names = ", ".join(unknown.name for unknown in parameters.unknowns)
+        allowed = f"coordinates that depend on {names}; nothing that was measured does"
+        raise InputError(f"{shape.name}: {sensor.what}", sensor.value, allowed)
 
 
 def _tip_distance(one: Evaluation, other: Evaluation, i: int) -> float:

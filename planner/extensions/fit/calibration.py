@@ -22,7 +22,7 @@ import scipy
 
 from octoplan.model import InputError
 from octoplan.model.paths import Array
-from octoplan.model.support.checks import finite_array, kind
+from octoplan.model.support.checks import finite_array, kind, numbers
 from octoplan.model.support.progress import track
 from octoplan.model.support.text import TextRepr
 from octoplan.planner.entry_points import PLOT_CALIBRATION, SAVE_CALIBRATION, load
@@ -120,16 +120,26 @@ class Prediction:
         return np.asarray(scipy.special.stdtrit(self.freedom, half) * spread)
 
     def holds(self, places: Any, level: float = 0.95) -> Array:
-        """Return whether measured positions (P, 3) [m] lie in the prediction ellipsoids (P,)."""
+        """Return whether measured positions (P, 3) [m] lie in the prediction ellipsoids (P,).
+
+        The ellipsoids have the dimension of the measured coordinates; the others are NaN.
+        """
         level = checked_level(level)
-        off = (finite_array("places", places, self.places.shape) - self.places)[:, :, None]
+        places = numbers("places", places, "positions, with NaN for coordinates not measured")
+        is_measured = ~np.isnan(places)
+        given = finite_array("places", np.where(is_measured, places, 0.0), self.places.shape)
         if not np.isfinite(self.covariance).all():
-            return np.ones(len(off), dtype=bool)
-        size = (off * np.linalg.solve(self.covariance, off)).sum(axis=(1, 2))
-        largest = scipy.special.chdtri(3, 1 - level)
+            return np.ones(len(given), dtype=bool)
+        rows = zip(given - self.places, self.covariance, is_measured, strict=True)
+        return np.array([self._holds(off[m], C[np.ix_(m, m)], level) for off, C, m in rows])
+
+    def _holds(self, off: Array, covariance: Array, level: float) -> bool:
+        """Return whether an error (n,) [m] lies in the ellipsoid of its covariance (n, n)."""
+        n = off.size
+        largest = scipy.special.chdtri(n, 1 - level)
         if np.isfinite(self.freedom):
-            largest = 3 * scipy.special.fdtri(3, self.freedom, level)
-        return np.asarray(size <= largest)
+            largest = n * scipy.special.fdtri(n, self.freedom, level)
+        return bool(off @ np.linalg.solve(covariance, off) <= largest)
 
 
 @dataclass(frozen=True)
@@ -298,11 +308,10 @@ class Calibration(TextRepr, Fitted):
 
     def _predicted(self, there: Evaluation, count: int) -> Prediction:
         """Return the prediction of the first `count` places of an evaluation's only shape."""
-        ((i, miss),) = there.residuals.items()
+        (i,) = there.equilibria
         shape = there.experiment.shapes[i]
-        n = len(shape.places)
-        J = (there.jacobians[i][: 3 * n] * self.parameters.range).reshape(n, 3, -1)
-        places = miss[: 3 * n].reshape(n, 3) + shape.places
+        J = there.place_jacobian(i) * self.parameters.range
+        places = there.predicted_places(i)
         parameter_covariance = J @ self.information[1] @ J.transpose(0, 2, 1)
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
         band = parameter_covariance[:count] + error[:, None, None] ** 2 * np.eye(3)
@@ -335,8 +344,11 @@ class Calibration(TextRepr, Fitted):
             stds = [shape.place_std for shape in self.measured]
             return np.full(s.size, self.noise * np.mean(stds))
         errors = self._deleted_squares()
-        rows = [errors[i][: shape.places.size].reshape(-1, 3) for i, shape in shapes.items()]
-        squares = np.vstack(rows).mean(axis=1)
+        rows = [np.full(shape.places.shape, np.nan) for shape in shapes.values()]
+        for row, (i, shape) in zip(rows, shapes.items(), strict=True):
+            is_measured = ~np.isnan(shape.places)
+            row[is_measured] = errors[i][: np.count_nonzero(is_measured)]
+        squares = np.nanmean(np.vstack(rows), axis=1)
         nodes = np.unique(np.round(at, 9))
         by_node = [np.sqrt(np.mean(squares[np.isclose(at, node)])) for node in nodes]
         return np.asarray(np.interp(s, nodes, by_node))

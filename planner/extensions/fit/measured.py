@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from octoplan.model import Arm, InputError
-from octoplan.model.paths import Array
+from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import SUCH, kind, orthonormal
 from octoplan.model.support.quantities import Matrix, NotNegative, Positive, Vector
 from octoplan.model.support.units import DISTANCE
@@ -27,12 +27,36 @@ _FAR = 1.5
 MIDLINE = (0.0, 0.0, 0.0)
 
 
+def _nan_as_none(_: str, number: Any) -> Any:
+    """Return None for NaN, otherwise the given value."""
+    return None if isinstance(number, float | np.floating) and np.isnan(number) else number
+
+
+# A number that may be missing: None or NaN.
+OptionalNumber = Annotated[float | None, Rule(_nan_as_none, is_first=True)]
+
+
+# A measured place in the base frame [m]; None for a coordinate that was not measured.
+Coordinates = tuple[OptionalNumber, OptionalNumber, OptionalNumber]
+
+
+def _measures_something(name: str, place: Coordinates) -> Coordinates:
+    """Return a place with a measured coordinate, or raise InputError."""
+    if place == (None, None, None):
+        allowed = "a place with at least one coordinate; None in place of an unseen marker"
+        raise InputError(name, place, allowed)
+    return place
+
+
+Place = Annotated[Coordinates, Rule(_measures_something)]
+
+
 class Point(NamedTuple):
     """A marker: arc length [m], offset in the local frame (t, n, b) [m], measured place [m]."""
 
     s: float
     offset: Vector
-    place: Vector | None
+    place: Place | None
 
 
 class MeasuredFrame(NamedTuple):
@@ -52,7 +76,7 @@ class Sensor(NamedTuple):
     s : float
         Arc length [m]; inf for the tip.
     value : (3,) or (3, 3)
-        Measured place [m] or frame.
+        Measured place [m], with None for missing coordinates, or frame.
     offset : (3,)
         Offset in the local frame [m].
     point : int
@@ -66,6 +90,7 @@ class Sensor(NamedTuple):
     point: int = -1
 
 
+SUCH[Coordinates] = "(x, y, z) in m, None or NaN for a coordinate that was not measured"
 SUCH[Point] = "(s, (o_t, o_n, o_b), (x, y, z)), all in m"
 SUCH[MeasuredFrame] = "(s, matrix (3, 3))"
 
@@ -85,11 +110,12 @@ class Measured:
         [N]; None if winches hold the tendons by `lengths` or `strokes`.
     points : sequence of (s, offset, place)
         Markers: arc length [m], offset from the midline in the local frame (t, n, b) [m], and
-        measured place (3,) [m], or None if the marker was not seen.
+        measured place (3,) [m], or None if the marker was not seen. A coordinate that was not
+        measured is None or NaN, such as the depth of a side camera.
     frames : sequence of (s, matrix)
         Measured frames (3, 3), columns t, n, b.
     tip : (3,)
-        Measured place of the tip [m].
+        Measured place of the tip [m]; None or NaN for a coordinate that was not measured.
     lengths : (n_tendons,)
         Measured lengths of the tendons from base to anchorage [m].
     strokes : (n_tendons,)
@@ -113,7 +139,7 @@ class Measured:
     tensions: Any = None
     points: tuple[Point, ...] = ()
     frames: tuple[MeasuredFrame, ...] = ()
-    tip: Vector | None = None
+    tip: Place | None = None
     lengths: tuple[float, ...] | None = None
     strokes: tuple[float, ...] | None = None
     session: str = ""
@@ -154,8 +180,14 @@ class Measured:
 
     @property
     def places(self) -> Array:
-        """The measured places of markers and tip (n, 3) [m]."""
+        """The measured places of markers and tip (n, 3) [m]; NaN for missing coordinates."""
         return np.array([sensor.value for sensor in self.markers], dtype=float).reshape(-1, 3)
+
+    @property
+    def is_measured(self) -> Mask:
+        """Whether each component of each sensor was measured (n, 3); True for frames."""
+        frames = np.ones((len(self.frames), 3), dtype=bool)
+        return np.vstack([~np.isnan(self.places), frames])
 
     def arc_lengths(self, arm: Arm) -> Array:
         """Return the arc lengths of `places` (n,) [m]."""
@@ -163,14 +195,17 @@ class Measured:
 
     @property
     def data(self) -> Array:
-        """All measurements (size,): places, frames as 0, lengths, strokes."""
+        """All measurements (size,): measured coordinates, frames as 0, lengths, strokes."""
         tendons = [np.array(getattr(self, kind)) for kind in self.tendon_residuals]
-        return np.concatenate([self.places.ravel(), np.zeros(3 * len(self.frames)), *tendons])
+        places = self.places
+        coordinates = places[~np.isnan(places)]
+        return np.concatenate([coordinates, np.zeros(3 * len(self.frames)), *tendons])
 
     @property
     def stds(self) -> Array:
         """Standard deviation of each measurement (size,)."""
-        counts = [3 * len(self.places), 3 * len(self.frames)]
+        places = self.places
+        counts = [int(np.count_nonzero(~np.isnan(places))), 3 * len(self.frames)]
         counts.append(self.data.size - sum(counts))
         frame_std = self.angle_std or _ASSUMED_ANGLE_STD
         return np.repeat([self.place_std, frame_std, self.tendon_std], counts)
@@ -197,7 +232,7 @@ class Measured:
 
     @property
     def size(self) -> int:
-        """Number of residuals: coordinates of places, rotation vectors, lengths, strokes."""
+        """Number of residuals: measured coordinates, rotation vectors, lengths, strokes."""
         return int(self.data.size)
 
     @property
@@ -228,7 +263,7 @@ class Measured:
                     raise InputError(f"{name}: {what}[{i}].s", row.s, allowed)
         for sensor in self.markers:
             where = f"{name}: {sensor.what}"
-            _check_place(arm, where, np.array(sensor.value), np.array(sensor.offset))
+            _check_place(arm, where, np.array(sensor.value, float), np.array(sensor.offset))
         for what in ("lengths", "strokes"):
             if getattr(self, what) is not None:
                 _check_lengths(arm, f"{name}: {what}", getattr(self, what))
@@ -272,13 +307,15 @@ def crushing_remark(arm: Arm, measured: Iterable[Measured]) -> str:
 
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
     """Raise InputError for a place that the arm cannot reach, which suggests other units."""
-    away = float(np.linalg.norm(place - arm.base_position))
+    from_base = np.nan_to_num(place - arm.base_position)
+    away = float(np.linalg.norm(from_base))
     aside = float(np.linalg.norm(offset))
     reach = arm.length + aside
     if away > _FAR * reach:
-        axis = "xyz"[int(np.argmax(np.abs(place - arm.base_position)))]
+        axis = "xyz"[int(np.argmax(np.abs(from_base)))]
         allowed = f"within reach, {_FAR * reach:.3g} m of the base{_in_mm(away / reach)}"
-        raise InputError(f"{where}, {axis}", tuple(place.tolist()), allowed)
+        given = tuple(None if np.isnan(x) else x for x in place.tolist())
+        raise InputError(f"{where}, {axis}", given, allowed)
     if aside > arm.length:
         allowed = f"near the midline, in m{_in_mm(10 * aside / arm.length)}"
         raise InputError(f"{where}: offset", tuple(offset.tolist()), allowed)
@@ -296,10 +333,15 @@ def _check_lengths(arm: Arm, where: str, lengths: Sequence[float]) -> None:
 
 
 def _check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
-    """Raise InputError if all markers are close to the base, which suggests other units."""
+    """Raise InputError if all markers are close to the base, which suggests other units.
+
+    Missing coordinates may be the large ones: only complete places count.
+    """
     ends = np.concatenate([shape.arc_lengths(arm) for shape in shapes])
-    away = np.vstack([shape.places for shape in shapes]) - arm.base_position
-    far = float(np.linalg.norm(away, axis=1).max(initial=0.0))
+    away = np.linalg.norm(np.vstack([shape.places for shape in shapes]) - arm.base_position, axis=1)
+    is_complete = ~np.isnan(away)
+    ends = ends[is_complete]
+    far = float(away[is_complete].max(initial=0.0))
     if far < DISTANCE.least * ends.max(initial=0.0):
         allowed = f"places in m; the arm is {arm.length:g} m long: are they 1000 times too small?"
         raise InputError("points", f"all within {far:.3g} m of the base", allowed)

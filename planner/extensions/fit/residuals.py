@@ -56,8 +56,9 @@ class Residual(NamedTuple):
     what : str
         Measured quantity: a marker ("points[1]"), "tip", a frame or a tendon.
     miss : tuple of float
-        Prediction minus measurement [m]. For frames: the rotation axis times twice the sine of half
-        the rotation angle, close to the rotation vector [rad] for small angles.
+        Prediction minus measurement [m]; NaN for coordinates that were not measured. For frames:
+        the rotation axis times twice the sine of half the rotation angle, close to the rotation
+        vector [rad] for small angles.
     """
 
     shape: str
@@ -66,8 +67,8 @@ class Residual(NamedTuple):
 
     @property
     def size(self) -> float:
-        """Norm of the residual: distance [m] or angle [rad]."""
-        return float(np.linalg.norm(self.miss))
+        """Norm of the measured components: distance [m] or angle [rad]."""
+        return float(np.sqrt(np.nansum(np.square(self.miss))))
 
     @property
     def is_place(self) -> bool:
@@ -235,28 +236,45 @@ class Evaluation:
             shape = self.experiment.shapes[i]
             rest = self.equations(i).parameters.rest
             tendons = shape.tendon_values(partial(getattr, here, "lengths"), rest)
-            predicted = np.concatenate([self._sensor_readings[i][0].ravel(), *tendons])
-            result[i] = predicted - shape.data
+            sensors = self._sensor_readings[i][0][shape.is_measured]
+            result[i] = np.concatenate([sensors, *tendons]) - shape.data
         return result
 
     @cached_property
     def jacobians(self) -> dict[int, Array]:
         """Derivatives of the residuals with respect to the unknowns (size, K)."""
-        result = dict[int, Array]()
-        for i, by in self.parameter_sensitivities.items():
-            at = self.equations(i)
-            rows = self.experiment.rows[i]
-            derivatives = at.derivatives
-            poses = by.states[at.pose_indices[rows]]
-            # A sensor whose arc length changes moves relative to its node.
-            slip = derivatives.s[rows] - derivatives.nodes[at.nodes[rows]]
-            if slip.any():
-                poses = poses + along(by.point, at.nodes[rows])[:, :, None] * slip[:, None, :]
-            moved = np.concatenate([poses, derivatives.offsets[rows]], axis=1)
-            result[i] = self._residual_derivatives(
-                i, moved, partial(getattr, by, "lengths"), derivatives.rest
+        return {
+            i: self._residual_derivatives(
+                i,
+                self._moved_sensors(i),
+                partial(getattr, by, "lengths"),
+                self.equations(i).derivatives.rest,
             )
-        return result
+            for i, by in self.parameter_sensitivities.items()
+        }
+
+    def predicted_places(self, i: int) -> Array:
+        """Return the predicted places of the markers and the tip of a shape (n, 3) [m]."""
+        count = len(self.experiment.shapes[i].markers)
+        return np.asarray(self._sensor_readings[i][0][:count])
+
+    def place_jacobian(self, i: int) -> Array:
+        """Return the derivatives of `predicted_places` with respect to the unknowns (n, 3, K)."""
+        count = len(self.experiment.shapes[i].markers)
+        return np.asarray((self._sensor_readings[i][1] @ self._moved_sensors(i))[:count])
+
+    def _moved_sensors(self, i: int) -> Array:
+        """Return the changes of a shape's poses and offsets by the unknowns (M, 10, K)."""
+        by = self.parameter_sensitivities[i]
+        at = self.equations(i)
+        rows = self.experiment.rows[i]
+        derivatives = at.derivatives
+        poses = by.states[at.pose_indices[rows]]
+        # A sensor whose arc length changes moves relative to its node.
+        slip = derivatives.s[rows] - derivatives.nodes[at.nodes[rows]]
+        if slip.any():
+            poses = poses + along(by.point, at.nodes[rows])[:, :, None] * slip[:, None, :]
+        return np.concatenate([poses, derivatives.offsets[rows]], axis=1)
 
     @cached_property
     def whitening(self) -> dict[int, Array]:
@@ -301,7 +319,11 @@ class Evaluation:
         for i, miss in self.residuals.items():
             shape = self.experiment.shapes[i]
             names = [sensor.what for sensor in shape.sensors]
-            rows = [*miss[: 3 * len(names)].reshape(-1, 3), *miss[3 * len(names) :, None]]
+            is_measured = shape.is_measured
+            sensors = np.full(is_measured.shape, np.nan)
+            count = np.count_nonzero(is_measured)
+            sensors[is_measured] = miss[:count]
+            rows = [*sensors, *miss[count:, None]]
             names += [
                 f"{kind}[{j}]"
                 for kind in shape.tendon_residuals
@@ -318,9 +340,9 @@ class Evaluation:
         The arguments are the changes of its sensors' poses and offsets (M, 10, k), and of its
         tendons' lengths and rest lengths (n_tendons, k).
         """
-        tendons = self.experiment.shapes[i].tendon_values(lengths, rest)
-        readings = (self._sensor_readings[i][1] @ moved).reshape(-1, moved.shape[2])
-        return np.vstack([readings, *tendons])
+        shape = self.experiment.shapes[i]
+        sensors = (self._sensor_readings[i][1] @ moved)[shape.is_measured]
+        return np.vstack([sensors, *shape.tendon_values(lengths, rest)])
 
     @cached_property
     def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:

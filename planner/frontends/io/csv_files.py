@@ -7,8 +7,8 @@ are read. A file of measured shapes has one shape per line:
 
 `name` and `session` are optional. The drive of the arm is a tension for each tendon, under the
 tendon names of the arm, or `length_T_11_mm` or `stroke_T_11_mm` for each tendon, or both. Positions
-of markers, by marker name, and of the tip are in mm. Leave the cells of an unseen marker empty. A
-shape without tensions is settled by lengths or strokes.
+of markers, by marker name, and of the tip are in mm. Omit columns, leave cells empty or write nan
+for coordinates that were not measured. A shape without tensions is settled by lengths or strokes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,8 @@ from octoplan.model.support.checks import kind, within
 from octoplan.model.support.errors import FileError
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.frontends.io.codec import in_si, number_in
-from octoplan.planner.frontends.io.files import read_bytes, write_named
+from octoplan.planner.frontends.io.csv_reading import TEXT_COLUMNS, read_csv
+from octoplan.planner.frontends.io.files import write_named
 from octoplan.planner.frontends.io.mistakes import error_context
 from octoplan.planner.frontends.io.records import POINTS, of_shape
 from octoplan.planner.frontends.io.varied import MarkerTable
@@ -113,22 +114,14 @@ def motion_csv(motion: Any) -> bytes:
 # Reading
 
 
-def _read(path: Path, wanted: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the line number as text and the cells of each line that is not empty; FileError."""
-    text = read_bytes(path, f"must be {wanted}").decode("utf-8-sig", errors="replace")
-    for number, row in enumerate(csv.reader(text.splitlines()), 1):
-        if any(row) or number == 1:
-            yield f"line {number}", [cell.strip() for cell in row]
-
-
-def _number(column: str, cells: dict[str, str], more: str = "") -> float:
+def _number(column: str, cells: dict[str, str]) -> float:
     """Return the number in a column, in SI units; raise InputError."""
     try:
         value = float(cells.get(column, ""))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(column, cells.get(column, ""), f"a number{more}")
+        raise InputError(column, cells.get(column, ""), "a number")
     return float(in_si(value, "mm" if column.endswith("_mm") else ""))
 
 
@@ -137,11 +130,11 @@ def load_waypoints(path: Path) -> tuple[list[TipPosition], Array | None]:
 
     Raises FileError.
     """
-    lines = _read(path, "a CSV file of waypoints")
-    header = next(lines, ("", []))[1]
+    file = read_csv(path, "a CSV file of waypoints")
+    header = file.header
     columns = [*WAYPOINT_COLUMNS, *["t_s"] * ("t_s" in header)]
     rows = []
-    for where, row in lines:
+    for where, row in file.lines:
         with error_context(str(path), where):
             cells = dict(zip(header, row, strict=False))
             rows.append([_number(column, cells) for column in columns])
@@ -160,49 +153,61 @@ def load_shapes(
     Raises FileError with row and column.
     """
     name = str(path)
-    lines = _read(path, "a CSV file of shapes")
-    header = next(lines, ("", []))[1]
+    file = read_csv(path, "a CSV file of shapes")
+    header = file.header
     # Columns by argument of Measured.
-    columns = {"tensions": [f"{tendon}_N" for tendon in arm.tendon_names], "tip": _place("tip")}
+    columns = {"tensions": [f"{tendon}_N" for tendon in arm.tendon_names]}
     for key in ("length", "stroke"):
         columns[f"{key}s"] = [f"{key}_{tendon}_mm" for tendon in arm.tendon_names]
-    places = [_place(point.name) for point in points]
-    known = ["name", "session", *chain(*columns.values()), *chain(*places)]
+    places = [_place(name) for name in (*(point.name for point in points), "tip")]
+    known = [*TEXT_COLUMNS, *chain(*columns.values()), *chain(*places)]
     for column in header:
         if column not in known or header.count(column) > 1:
             problem = f"must be a column, named once, of {', '.join(known)}"
             raise FileError(name, "line 1", problem, repr(column))
-    drives = [columns[key] for key in ("tensions", "lengths", "strokes")]
+    drives = list(columns.values())
     for column in chain(*([each for each in drives if {*each} & {*header}] or drives[:1])):
         if column not in header:
             raise FileError(name, "line 1", f"missing column {column}")
     result = []
-    for where, row in lines:
+    for where, row in file.lines:
         if len(row) != len(header):
             problem = f"must have {len(header)} cells as the header, not {len(row)}"
+            if len(row) > len(header):
+                problem += "; separate cells by semicolons if commas are decimal marks"
             raise FileError(name, where, problem)
         cells = dict(zip(header, row, strict=True))
         with error_context(name, where):
             values: dict[str, Any] = {key: _values(each, cells) for key, each in columns.items()}
-            seen = [
-                (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), _values(place, cells))
-                for point, place in zip(points, places, strict=True)
+            *seen, tip = (_coordinates(place, cells) for place in places)
+            values["tip"] = tip
+            values["points"] = [
+                (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), place)
+                for point, place in zip(points, seen, strict=True)
             ]
             named = {"name": cells.get("name") or where, "session": cells.get("session", "")}
-            result.append(Measured(points=seen, **stds, **named, **values))  # type: ignore[arg-type]
+            result.append(Measured(**stds, **named, **values))  # type: ignore[arg-type]
     if not result:
         raise FileError(name, "", "must have a header and one line per shape")
     return tuple(result)
 
 
-def _place(point: str) -> list[str]:
-    """Return the columns of the position of a marker."""
-    return [f"{point}_{axis}_mm" for axis in "xyz"]
+def _place(name: str) -> list[str]:
+    """Return the columns of the position of a marker or the tip."""
+    return [f"{name}_{axis}_mm" for axis in "xyz"]
 
 
 def _values(columns: list[str], cells: dict[str, str]) -> list[float] | None:
     """Return the numbers of cells in SI units; None if all cells are empty."""
     if not any(cells.get(column) for column in columns):
         return None
-    unseen = "; leave all cells of an unseen marker empty"
-    return [_number(column, cells, unseen) for column in columns]
+    return [_number(column, cells) for column in columns]
+
+
+def _coordinates(columns: list[str], cells: dict[str, str]) -> list[float | None] | None:
+    """Return coordinates in SI units, None for cells that are empty or nan; None if all are."""
+    is_missing = [cells.get(column, "").lower() in ("", "nan") for column in columns]
+    if all(is_missing):
+        return None
+    rows = zip(columns, is_missing, strict=True)
+    return [None if missing else _number(column, cells) for column, missing in rows]

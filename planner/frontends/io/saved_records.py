@@ -165,7 +165,8 @@ def _values(fit: Any) -> list[ValueRecord]:
     ]
 
 
-ResidualRecord: Any = derived(Residual)
+_MISS = about("prediction minus measurement [m] or [rad]; null for unmeasured coordinates")
+ResidualRecord: Any = derived(Residual, "miss", miss=Annotated[tuple[float | None, ...], _MISS])
 
 
 class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):

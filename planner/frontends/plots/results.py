@@ -49,7 +49,10 @@ def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
 
 
 def _arms(result: Any, ax: Any) -> None:
-    """Draw settled midlines, and lines from measured to predicted markers."""
+    """Draw settled midlines, and lines from measured to predicted markers.
+
+    Coordinates that were not measured are those of the prediction.
+    """
     here = result.evaluation
     seen: list[Array] = []
     present = list(here.equilibria)
@@ -57,11 +60,10 @@ def _arms(result: Any, ax: Any) -> None:
     for k, i in enumerate(which):
         equilibrium = here.equilibria[i]
         shape = result.measured[i]
-        places = shape.places
-        miss = here.residuals[i]
+        predicted = here.predicted_places(i)
+        places = np.where(np.isnan(shape.places), predicted, shape.places)
         midline = equilibrium.system.poses(equilibrium.states)[:, 4:]
         ax.plot(*(MM * midline).T, color=f"C{k % 10}", lw=1.2)
-        predicted = places + miss[: places.size].reshape(-1, 3)
         for line in MM * np.stack([places, predicted], axis=1):
             ax.plot(*line.T, color=f"C{k % 10}", lw=0.8)
         ax.plot(*(MM * places).T, "o", ms=3, color=f"C{k % 10}")
