@@ -311,9 +311,12 @@ class Arm(HtmlRepr):
 
     @property
     def tendon_names(self) -> list[str]:
-        """The paper's names of all tendons, T_ij: section i and tendon j, both from 1."""
+        """The paper's names of all tendons, T_ij: section i and tendon j, both from 1.
+
+        Text, files and figures have these names: T_11, and T_1_10 for the tenth tendon.
+        """
         counts = enumerate((len(section.angles) for section in self.sections), 1)
-        return [f"T_{i}{',' * (j > 9)}{j}" for i, count in counts for j in range(1, count + 1)]
+        return [f"T_{i}{'_' * (j > 9)}{j}" for i, count in counts for j in range(1, count + 1)]
 
     def tendon_name(self, index: int) -> str:
         """Return the name of a tendon, see tendon_names; raise InputError for a wrong index."""

@@ -28,7 +28,7 @@ from octoplan.model.support.checks import arc_lengths, kind, literal, within
 from octoplan.model.support.errors import InputError, SingularError
 from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import limited
-from octoplan.model.support.text import HtmlRepr, columns, tendon_table
+from octoplan.model.support.text import HtmlRepr, columns, plotted, tendon_table
 from octoplan.model.tendons import checked_EA, is_taut
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.march_derivative import MarchDerivative
@@ -136,6 +136,13 @@ class Stiffness(HtmlRepr):
         """
         directions, axes, _ = np.linalg.svd(self.compliance[:3, :3])
         return axes, directions
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the arm and the compliance ellipsoid in 3-D; see plot_ellipsoids.
+
+        Return a new Figure, or the given 3-D axes.
+        """
+        return plotted(self, ax)
 
     def __repr__(self) -> str:
         arm = self.shape.arm

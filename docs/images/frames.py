@@ -111,8 +111,8 @@ def draw_tendons(ax: Axes) -> None:
     for j, angle in enumerate((0, 90, 180, 270), 1):
         x, y = 0.62 * np.cos(np.radians(angle)), 0.62 * np.sin(np.radians(angle))
         ax.plot(x, y, "o", ms=9, color=SECTION[2], zorder=7)
-        away = np.array([0.0, -0.19]) if angle in (0, 180) else np.array([-0.27, 0.0])
-        ax.text(*(np.array([x, y]) + away), f"$T_{{i{j}}}$", fontsize=11, ha="center", va="center")
+        away = np.array([0.0, -0.19]) if angle in (0, 180) else np.array([-0.30, -0.08])
+        ax.text(*(np.array([x, y]) + away), f"T_i{j}", fontsize=11, ha="center", va="center")
     x, y = 0.62 * np.cos(np.radians(38)), 0.62 * np.sin(np.radians(38))
     ax.plot([0, x], [0, y], color=INK, lw=0.9, ls="--", zorder=4)
     ax.plot(x, y, "o", ms=9, mfc="white", mec=SECTION[2], mew=1.6, zorder=7)
@@ -129,10 +129,10 @@ def draw_plane(ax: Axes) -> None:
     arrow(ax, (0, 0), 1.3 * np.array([np.cos(way), np.sin(way)]), "", INK)
     arc(ax, 0.5, 90, 225, r"$\theta$")
     for angle, text in (
-        (90, "$T_{i2}$:  0°"),
-        (180, "$T_{i3}$:\n90°"),
-        (270, "$T_{i4}$:  180°"),
-        (0, "$T_{i1}$:\n−90°"),
+        (90, "T_i2:  0°"),
+        (180, "T_i3:\n90°"),
+        (270, "T_i4:  180°"),
+        (0, "T_i1:\n−90°"),
     ):
         at = 1.27 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         if angle == 90:

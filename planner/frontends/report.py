@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import fields
@@ -230,16 +229,9 @@ def figure(module: str, name: str) -> Callable[..., Any]:
 _SHAPE = figure("plan", "plot_shape")
 
 
-def _stiffness(k: Stiffness, ax: Any = None) -> Any:
-    """Draw the compliance ellipsoid for a force of a power of ten, at most L / 5 long."""
-    most = 0.2 * k.shape.arm.length / float(k.ellipsoid()[0][0])
-    force = 10.0 ** math.floor(math.log10(most))
-    return figure("results", "plot_ellipsoids")([k], force, ax)
-
-
 shown_by(Arm, lambda arm, *ax: _SHAPE(settle(arm, np.zeros(arm.n_tendons), accuracy=1e-2), *ax))
 shown_by(Shape, _SHAPE, _shape)
-shown_by(Stiffness, _stiffness)
+shown_by(Stiffness, lambda k, ax=None: figure("ellipsoids", "plot_ellipsoids")([k], None, ax))
 shown_by(Scene, None, _scene)
 shown_by(Certificate, None, _certificate)
 shown_by(MotionCertificate, None, _certificate)

@@ -132,7 +132,7 @@ def test_bars_are_the_tensions_by_tendon_name(fetch: Plan) -> None:
     ax = bars(plot_plan(fetch))
     assert [bar.get_height() for bar in ax.patches] == list(np.ravel(fetch.tensions))
     names = [label.get_text() for label in ax.get_xticklabels()]
-    assert names[0] == "$T_{11}$" and names[-1] == "$T_{34}$" and len(names) == 12
+    assert names[0] == "T_11" and names[-1] == "T_34" and len(names) == 12
 
 
 def test_given_axes_are_drawn_in_and_returned_and_get_no_company(fetch: Plan) -> None:

@@ -14,7 +14,7 @@ from cyclopts.validators import Number
 from octoplan.model import OctoplanError
 from octoplan.model.settle import ACCURACY
 from octoplan.model.support.progress import OutOfTime
-from octoplan.model.support.text import plotted, to_text
+from octoplan.model.support.text import to_text
 from octoplan.planner.frontends.accuracy_study import accuracy_study
 from octoplan.planner.frontends.arm_check import check_arm
 from octoplan.planner.frontends.bodies.files import What, export_shape
@@ -104,7 +104,7 @@ def settle(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
 def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the compliance of the shape of the scene; see the [stiffness] table."""
     k = run_stiffness(options.question(scene))
-    return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
+    return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", k.plot)
 
 
 def accuracy(

@@ -106,7 +106,7 @@ def _mm(arm: Arm, lengths: Any) -> list[Any]:
 
 def motion_csv(motion: Any) -> bytes:
     """Return a trajectory as CSV: times [s], tensions [N] and lengths [m] of the tendons."""
-    names = [name.replace(",", "_") for name in motion.arm.tendon_names]
+    names = motion.arm.tendon_names
     columns = ["t_s", *(f"{name}_N" for name in names), *(f"{name}_length_m" for name in names)]
     return _lines(columns, np.column_stack([motion.times, motion.flat, motion.lengths]).tolist())
 

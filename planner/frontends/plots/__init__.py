@@ -1,5 +1,6 @@
 """Figures. Only this folder imports matplotlib."""
 
+from octoplan.planner.frontends.plots.ellipsoids import plot_ellipsoids
 from octoplan.planner.frontends.plots.motion import (
     animate_trajectory,
     plot_motion,
@@ -11,7 +12,6 @@ from octoplan.planner.frontends.plots.results import (
     plot_accuracy,
     plot_check,
     plot_effects,
-    plot_ellipsoids,
     plot_residuals,
 )
 

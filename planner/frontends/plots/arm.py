@@ -1,4 +1,4 @@
-"""The three-dimensional panel of a figure: the body, tendons, targets and obstacles."""
+"""The three-dimensional panel of a figure: body, tendons, loads, targets and obstacles."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.colors import LightSource, Normalize
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
     Line3DCollection,
     Poly3DCollection,
@@ -16,21 +18,19 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.clearance import Clearance, clearance
-from octoplan.model.extensions.clearance.nearest import ITSELF
+from octoplan.model.extensions.clearance import Clearance
 from octoplan.model.extensions.obstacles import HalfSpace
-from octoplan.model.extensions.obstacles.base import Convex, Obstacle
-from octoplan.model.loads import has_complementarity
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Array
-from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape
 from octoplan.planner.frontends.bodies.surface import (
     along,
-    outline,
     outlines,
     rings,
     tendon_lines,
 )
+from octoplan.planner.frontends.plots.loads import draw_loads
+from octoplan.planner.frontends.plots.obstacles import draw_obstacles, leaned_on, mark_nearest
 from octoplan.planner.frontends.plots.style import (
     INK,
     MM,
@@ -52,12 +52,10 @@ _AROUND = 32
 _FLAT = 0.3
 # Half width and half height of a panel, in units of projected axes.
 _ROOM = 0.084, 0.080
-_OBSTACLE = "#b5651d"
-_WARNING = "#c0182b"
-# Clearance over the arm length below which the nearest point is marked.
-_NEAR = 0.02
-# Depth of a contact point below which the surfaces touch [m], as in the certificate of a plan.
-_DEPTH = 1e-8
+# Number of corrections of the zoom, so that labels lie in the panel.
+_ROUNDS = 3
+# Weight of a plane that is seen from behind in the choice of a view.
+_BEHIND = 2.0
 
 
 def draw_arm(
@@ -66,11 +64,12 @@ def draw_arm(
     targets: tuple[Any, ...] = (),
     obstacles: tuple[Obstacle, ...] = (),
     nearest: Clearance | None = None,
+    around: Array | None = None,
 ) -> Array:
-    """Draw the arm, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m].
+    """Draw the arm, loads, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m].
 
     The point nearest to an obstacle, or in collision, is marked; `nearest` is the clearance of a
-    certificate.
+    certificate. Planes are drawn around the points `around` (M, 3) [m]; the default is the arm.
 
     The last collection that is added contains the taut tendons, with tensions [N] as colours.
     """
@@ -78,98 +77,72 @@ def draw_arm(
     fresh = not ax.has_data()
     s = along(shape.arm, _ALONG)
     poses = shape.poses(s)
-    obstacles = (*obstacles, *_leaned_on(shape.scene))
-    things = draw_obstacles(obstacles, ax)
+    obstacles = (*obstacles, *leaned_on(shape.scene))
     skin = _body(shape.arm, ax, s, poses)
-    goals = [draw_target(target, ax, shape) for target in targets]
+    goals = [draw_loads(shape, ax), *(draw_target(target, ax, shape) for target in targets)]
+    seen = np.vstack([skin, *goals])
+    things = draw_obstacles(obstacles, ax, seen if around is None else around)
     mark_nearest(shape, obstacles, ax, nearest)
     _tendons(shape, ax, tendon_lines(shape.arm, s, poses))
-    set_limits(ax, np.vstack([skin, things, *goals]), fresh)
+    set_limits(ax, np.vstack([seen, things]), fresh)
     return np.vstack([poses[:, 4:], *goals])
 
 
-def _leaned_on(scene: Scene) -> list[Convex]:
-    """Return the obstacles that the arm may lean on."""
-    if not has_complementarity(scene):
-        return []
-    from octoplan.model.extensions.contact.effects import contacts
-
-    return [contact.obstacle for contact in contacts(scene)]
-
-
-def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
-    """Draw obstacles in 3-D axes, in mm; return the points (N, 3) [m] that must be visible."""
-    seen = [np.empty((0, 3))]
-    for obstacle in obstacles:
-        points, triangles = outline(obstacle)
-        faces = MM * points[triangles]
-        ax.add_collection3d(
-            Poly3DCollection(faces, facecolors=_OBSTACLE, alpha=0.28, lw=0, zorder=1)
-        )
-        if not isinstance(obstacle, HalfSpace):
-            seen.append(points)
-    return np.vstack(seen)
-
-
-def mark_nearest(
-    shape: Shape, obstacles: Sequence[Obstacle], ax: Any, nearest: Clearance | None = None
-) -> None:
-    """Mark the point of the arm nearest to an obstacle or to the arm itself; collisions in red.
-
-    `nearest` is the clearance of a certificate; computed by default. Contacts of the
-    equilibrium, see Shape.contacts, are marked separately.
-    """
-    held = _leaned_on(shape.scene)
-    touching = [touch for touch in shape.contacts if touch.gap >= -_DEPTH]
-    if touching:
-        points = MM * np.array([touch.point for touch in touching])
-        _mark(points, "contact", _OBSTACLE, ax, mfc=_OBSTACLE, ms=SIZE / 2)
-    free = [obstacle for obstacle in obstacles if obstacle not in held]
-    result = clearance(shape, free) if nearest is None else nearest
-    pressed = [touch for touch in shape.contacts if touch.gap < -_DEPTH]
-    if pressed:
-        deepest = min(pressed, key=lambda touch: touch.gap)
-        result = Clearance(deepest.gap, type(deepest.obstacle).__name__, (deepest.s,))
-    in_self_contact = has_complementarity(shape.scene) and not held
-    if result.what == ITSELF and (shape.self_contacts or in_self_contact):
-        return
-    through = result.gap < 0
-    if not (through or (free and result.gap < _NEAR * shape.arm.length)):
-        return
-    message = f"passes through {result.what}" if through else f"{1e3 * result.gap:.2g} mm clear"
-    points = MM * shape.position(np.array(result.s))
-    _mark(points, message, _WARNING if through else _OBSTACLE, ax, mfc="none", ms=SIZE)
-
-
-def _mark(points: Array, label: str, colour: str, ax: Any, **style: Any) -> None:
-    ax.plot(*points.T, "o", ls="", label=label, color=colour, mew=1.8, zorder=9, **style)
-
-
-def set_best_view(ax: Any, shape: Shape, points: Array) -> None:
+def set_best_view(ax: Any, shape: Shape, points: Array, obstacles: Sequence[Obstacle] = ()) -> None:
     """Set the best view of points (N, 3) [m] in 3-D axes, and fill the panel."""
     set_limits(ax, points, fresh=False)
-    fill_panel(ax, *best_view(points, shape.frame(0.0)[:, 0]))
+    view = best_view(points, shape, obstacles)
+    share = 1.0
+    fill_panel(ax, *view)
+    for _ in range(_ROUNDS):
+        excess = _excess_of_labels(ax)
+        if excess <= 1:
+            break
+        share /= excess
+        fill_panel(ax, *view, share=share)
 
 
-def fill_panel(ax: Any, elevation: float, azimuth: float) -> None:
-    """Set a view [deg] of 3-D axes, and zoom so that the box fills the panel."""
+def fill_panel(ax: Any, elevation: float, azimuth: float, share: float = 1.0) -> None:
+    """Set a view [deg] of 3-D axes, and zoom so that the box fills the panel, or a share of it."""
     ax.view_init(elevation, azimuth)
     sides = (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())
     corners = np.array(list(product(*sides)))
+    ax.set_box_aspect(np.ptp(sides, axis=1))
     x, y, _ = proj_transform(*corners.T, ax.get_proj())
-    zoom = min(_ROOM[0] / np.abs(x).max(), _ROOM[1] / np.abs(y).max())
+    zoom = share * min(_ROOM[0] / np.abs(x).max(), _ROOM[1] / np.abs(y).max())
     ax.set_box_aspect(np.ptp(sides, axis=1), zoom=zoom)
 
 
-def best_view(points: Array, t: Array) -> tuple[float, float]:
+def _excess_of_labels(ax: Any) -> float:
+    """Return the size of the box with ticks and labels over the size of its panel."""
+    figure = ax.figure
+    # Matplotlib places labels when it draws.
+    figure.draw_without_rendering()
+    renderer: Any = RendererAgg(figure.bbox.width, figure.bbox.height, figure.dpi)  # type: ignore[no-untyped-call]
+    panel = ax.get_position(original=True).transformed(figure.transFigure)
+    labels = Bbox.union([axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)])
+    center = (panel.min + panel.max) / 2
+    reach = np.maximum(labels.max - center, center - labels.min)
+    return float((reach / (panel.size / 2)).max())
+
+
+def best_view(
+    points: Array, shape: Shape, obstacles: Sequence[Obstacle] = ()
+) -> tuple[float, float]:
     """Return the elevation and azimuth [deg] from which points (N, 3) overlap least.
 
-    Views along an axis are excluded. The usual azimuth and views of the front of the base, the side
-    of t, are preferred.
+    Views along an axis are excluded. The usual azimuth, views of the front of the base, and views
+    from the free side of planes are preferred.
     """
     p = points[:: max(1, len(points) // 80)]
+    t = shape.frame(0.0)[:, 0]
+    planes = [each for each in (*obstacles, *leaned_on(shape.scene)) if isinstance(each, HalfSpace)]
+    normals = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     size = float(np.ptp(p, axis=0).max()) or 1.0
     azimuths = [side + off for side in (-90, 0, 90, 180) for off in (25.0, 35.0, 45.0, 55.0, 65.0)]
+    elevations = [20.0, 28.0, 36.0]
+    if (normals[:, 2] < -0.5).any():
+        elevations += [-20.0, -28.0]
 
     def crowding(view: tuple[float, float]) -> float:
         el, az = np.radians(view)
@@ -178,9 +151,11 @@ def best_view(points: Array, t: Array) -> tuple[float, float]:
         gaps = np.hypot(*(np.subtract.outer(p @ v, p @ v) for v in (side, np.cross(front, side))))
         unusual = 1 - np.cos(az - np.radians(-60.0))
         behind = max(0.0, -float(front @ t))
-        return float(np.mean(1 / (gaps / size + 0.03)) * (1 + 0.02 * unusual + 0.1 * behind))
+        hidden = float(np.maximum(0.0, -normals @ front).sum())
+        weight = 1 + 0.02 * unusual + 0.1 * behind + _BEHIND * hidden
+        return float(np.mean(1 / (gaps / size + 0.03)) * weight)
 
-    elevation, azimuth = min(product((20.0, 28.0, 36.0), azimuths), key=crowding)
+    elevation, azimuth = min(product(elevations, azimuths), key=crowding)
     return elevation, float(azimuth)
 
 

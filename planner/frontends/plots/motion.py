@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.animation import FuncAnimation, writers
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.obstacles.base import Obstacle
@@ -26,22 +28,23 @@ from octoplan.planner.frontends.plots.arm import (
     best_view,
     draw_arm,
     fill_panel,
-    set_best_view,
     set_limits,
 )
-from octoplan.planner.frontends.plots.plan import add_scale
+from octoplan.planner.frontends.plots.plan import add_scale, finish
 from octoplan.planner.frontends.plots.style import (
     DPI,
     INK,
     MM,
     PULL,
     SIZE,
+    SLACK,
     make_axes,
     pull_norm,
     set_labels,
     several,
     taut_tendons,
 )
+from octoplan.planner.frontends.plots.targets import draw_target
 from octoplan.planner.plan_result import Plan
 
 # Accuracy of the shapes of frames, over the arm length: invisible.
@@ -52,8 +55,18 @@ _WRITERS = {".gif": "pillow", ".mp4": "ffmpeg"}
 _MOST = 1000
 # Number of points of the path of the tip.
 _SHOWN = 50
-# Line styles of taut tendons within a section; each section has a colour.
-_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+# Height of the figure of a trajectory for each section [inch].
+_PANEL = 1.5
+# Colours of the tendons of a section.
+_COLOURS = ("#1f6fb4", "#e08214", "#2a8c6e", "#b3123f", "#6a3d9a", "#8a6d3b", "#30343a", "#e377c2")
+# Length of the dashes of equal tensions, in line widths.
+_DASH = 5.0
+# Difference over the largest tension of a panel below which tensions are drawn as equal.
+_SAME = 0.006
+# Number of tendons in a column of the legend.
+_COLUMN = 6
+# Distance of the number of a waypoint from the tip, over the arm length.
+_BESIDE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,40 +78,164 @@ class _Step:
     targets: tuple[Any, ...]
     obstacles: tuple[Obstacle, ...]
 
-    def draw(self, ax: Any) -> Array:
-        """Draw the frame; return points (N, 3) [m] that must be visible."""
-        return draw_arm(self.shape, ax, self.targets, self.obstacles)
+    def draw(self, ax: Any, around: Array) -> Array:
+        """Draw the frame, and planes around points; return points (N, 3) [m] to be seen."""
+        return draw_arm(self.shape, ax, self.targets, self.obstacles, around=around)
 
 
 def plot_trajectory(motion: Any) -> Figure:
-    """Draw a Trajectory: the last shape, the path of the tip, and tensions with maxima."""
-    figure = Figure(figsize=(10, 5.0), dpi=DPI)
-    ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
+    """Draw a Trajectory: the arm and all waypoints in 3-D, and the tensions over time.
+
+    The arm is in its last shape; thin lines are its midlines at the other waypoints, which have
+    numbers. Each section has a panel of tensions. Tendons of equal tension are drawn as one line
+    with alternating colours.
+    """
     question = motion.question
     last = motion.shape(motion.duration)
-    points = draw_arm(
-        last, ax, question.targets[-1], question.surroundings.at(motion.duration).obstacles
-    )
+    obstacles = question.surroundings.at(motion.duration).obstacles
+    taut = taut_tendons(motion.flat.max(axis=0))
+    groups = [
+        [j for j in last.arm.tendons_of(i + 1) if taut[j]] for i in range(len(last.arm.sections))
+    ]
+    groups = [group for group in groups if group]
+    height = max(5.0, _PANEL * len(groups))
+    figure = Figure(figsize=(10, height), dpi=DPI)
+    ax: Any = figure.add_axes((0.0, 0.14, 0.52, 0.78), projection="3d")
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
-    seen = np.vstack([points, tips])
-    set_best_view(ax, last, seen)
-    ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
-    over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
-    most = float(motion.flat.max())
-    upper = np.array(question.limits.upper)
-    for j in np.flatnonzero(taut_tendons(motion.flat.max(axis=0))):
-        section = last.arm.tendons[j][0]
-        style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
-        name = last.arm.tendon_name(int(j))
-        colour = f"C{section % 10}"
-        over.plot(motion.times, motion.flat[:, j], color=colour, ls=style, lw=1.4, label=name)
-    for level in np.unique(upper[upper <= 3 * most]):
-        over.axhline(level, color=INK, lw=0.8, ls="--")
-    set_labels(over, "time [s]", "tension [N]")
-    over.legend(ncol=3, frameon=False, fontsize=SIZE - 2, loc="upper left")
+    points = [tips, *_draw_waypoints(motion, ax)]
+    points.append(draw_arm(last, ax, question.targets[-1], obstacles))
+    finish(ax, last, np.vstack(points), obstacles)
+    grid = figure.add_gridspec(
+        max(len(groups), 1), 1, left=0.60, right=0.90, bottom=0.6 / height, top=1 - 0.65 / height
+    )
+    panels = [figure.add_subplot(grid[row]) for row in range(grid.nrows)]
+    for group, panel in zip(groups, panels, strict=False):
+        plot_tensions_over_time(motion, group, panel)
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+    _number_stops(motion, panels[0])
+    panels[-1].set_xlabel("time [s]", fontsize=SIZE)
     figure.suptitle(motion.outcome.split(":")[0], fontsize=SIZE + 2)
     return figure
+
+
+def _draw_waypoints(motion: Any, ax: Any) -> list[Array]:
+    """Draw targets, midlines and numbers of all waypoints; return points (N, 3) [m].
+
+    Additional waypoints, around obstacles, are dots on the path of the tip.
+    """
+    s = np.linspace(0.0, motion.arm.length, 60)
+    way = motion.way
+    is_several = len(way.met) > 1
+    seen = []
+    for number, (k, targets) in enumerate(zip(way.met, motion.question.targets, strict=True), 1):
+        shape = motion.shape(way.starts[k])
+        if number < len(way.met):
+            seen += [draw_target(target, ax, shape) for target in targets]
+            midline = shape.position(s)
+            ax.plot(*(MM * midline).T, color=SLACK, lw=1.2, label="arm at waypoints", zorder=1.8)
+            seen.append(midline)
+        if is_several:
+            place = shape.tip + _BESIDE * motion.arm.length * shape.tip_frame[:, 0]
+            ax.text(*(MM * place), f"{number}", fontsize=SIZE, ha="center", va="center", zorder=10)
+    between = [motion.shape(way.starts[k]).tip for k in range(1, way.met[-1]) if k not in way.met]
+    if between:
+        tips = np.array(between)
+        ax.plot(*(MM * tips).T, "o", ms=4, color=INK, label="via points", zorder=8)
+    return seen
+
+
+def _number_stops(motion: Any, panel: Any) -> None:
+    """Write the numbers of the waypoints above a panel of tensions, if there are several."""
+    if len(motion.stops) < 2:
+        return
+    for number, t in enumerate(motion.times[list(motion.stops)], 1):
+        panel.annotate(
+            f"{number}",
+            (t, 1.0),
+            (0, 2),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            fontsize=SIZE,
+        )
+
+
+def plot_tensions_over_time(motion: Any, tendons: Sequence[int], ax: Any) -> None:
+    """Draw tensions [N] of some tendons over time [s], with waypoints and maxima as lines.
+
+    Tendons of equal tension are drawn as dashes of alternating colours.
+    """
+    times, tensions = motion.times, motion.flat[:, tendons]
+    most = float(tensions.max())
+    near = _SAME * (most or 1.0)
+    colours = _tendon_colours(len(tendons))
+    for begin, end, members in equal_runs(tensions, near):
+        for k, member in enumerate(members):
+            gap = _DASH * (len(members) - 1)
+            style = "-" if len(members) == 1 else (-_DASH * k, (_DASH, gap))
+            ax.plot(
+                times[begin : end + 1],
+                tensions[begin : end + 1, members[0]],
+                color=colours[member],
+                ls=style,
+                lw=1.6,
+                dash_capstyle="butt",
+            )
+    upper = np.array(motion.question.limits.upper)[list(tendons)]
+    for level in np.unique(upper[upper <= 3 * most]):
+        ax.axhline(level, color=INK, lw=0.8, ls="--")
+    for t in times[list(motion.stops)]:
+        ax.axvline(t, color=INK, lw=0.6, ls=":", zorder=0.5)
+    set_labels(ax, y="tension [N]")
+    names = [motion.arm.tendon_name(int(j)) for j in tendons]
+    lines = [Line2D([], [], color=colour, lw=1.6) for colour in colours]
+    ax.legend(
+        lines,
+        names,
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        frameon=False,
+        fontsize=SIZE - 1,
+        ncol=1 if len(names) <= _COLUMN else 2,
+        handlelength=1.4,
+        columnspacing=0.8,
+    )
+
+
+def equal_runs(values: Array, near: float) -> list[tuple[int, int, tuple[int, ...]]]:
+    """Return runs of equal curves: first and last index, and the columns that are equal there.
+
+    Columns of `values` (N + 1, n) are equal from one row to the next if both rows differ by less
+    than `near`. Each column is in one run at a time; a run is as long as its set of columns.
+    """
+    runs = list[tuple[int, int, tuple[int, ...]]]()
+    before = dict[tuple[int, ...], int]()
+    for i, (a, b) in enumerate(pairwise(values)):
+        groups = list[list[int]]()
+        for column in range(values.shape[1]):
+            same = (
+                group
+                for group in groups
+                if max(abs(a[column] - a[group[0]]), abs(b[column] - b[group[0]])) < near
+            )
+            group = next(same, None)
+            if group is None:
+                groups.append([column])
+            else:
+                group.append(column)
+        now = {tuple(group): before.get(tuple(group), i) for group in groups}
+        runs += [(start, i, members) for members, start in before.items() if members not in now]
+        before = now
+    return runs + [(start, len(values) - 1, members) for members, start in before.items()]
+
+
+def _tendon_colours(count: int) -> list[Any]:
+    """Return distinct colours of the tendons of a section."""
+    if count <= len(_COLOURS):
+        return list(_COLOURS[:count])
+    return list(colormaps["turbo"](np.linspace(0.05, 0.95, count)))
 
 
 def plot_motion(
@@ -172,16 +309,17 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
     last = {step.number: step for step in steps}.values()  # the frame at each plan
-    sights = [np.vstack([step.draw(ax), seen[0]]) for step in last]
+    bent = np.vstack(seen)
+    sights = [np.vstack([step.draw(ax, bent), seen[0]]) for step in last]
     points = np.vstack([*seen, *sights])
     width = 1.5 * float(arm.radius.evaluate(s[:1], arm.length)[0][0])
     box = np.vstack([points, points - width, points + width])
-    view = best_view(np.vstack([*seen[::5], *sights]), steps[0].shape.frame(0.0)[:, 0])
+    view = best_view(np.vstack([*seen[::5], *sights]), steps[0].shape, steps[0].obstacles)
 
     def draw(index: int) -> list[Any]:
         step = steps[index]
         ax.clear()
-        step.draw(ax)
+        step.draw(ax, bent)
         set_limits(ax, box, True)
         fill_panel(ax, *view)
         if taut_tendons(step.shape.tensions).any():

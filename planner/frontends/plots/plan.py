@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import kind
@@ -27,6 +28,7 @@ from octoplan.planner.frontends.plots.style import (
     PULL,
     ROUND_STEPS,
     SIZE,
+    add_legend,
     make_axes,
     pull_norm,
     set_labels,
@@ -37,6 +39,10 @@ _CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
 _STRETCH = "#2a8c6e"
 # Maxima of tensions are drawn up to this multiple of the largest tension.
 _COMPARABLE = 3.0
+# Number of tendons from which their names below bars are rotated.
+_MOST_UPRIGHT = 8
+# Number of entries from which the legend of a 3-D panel has two columns.
+_COLUMN = 4
 
 
 def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
@@ -52,7 +58,7 @@ def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
     figure = Figure(figsize=(10, 5.8), dpi=DPI)
     shape = plan.shape
     ax = figure.add_axes((0.0, 0.14, 0.56, 0.80), projection="3d")
-    finish(ax, shape, draw_plan(plan, ax))
+    finish(ax, shape, draw_plan(plan, ax), plan.problem.environment.obstacles)
     plot_strains(shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
     bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
     plot_tensions(shape.arm, shape.tensions, np.array(plan.problem.limits.upper), bars)
@@ -63,9 +69,9 @@ def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
 
 def plot_together(plans: Sequence[Plan]) -> Figure:
     """Draw the arms of several plans with targets in one 3-D figure."""
-    figure, ax = _alone()
+    figure, ax = alone()
     points = [draw_plan(plan, ax) for plan in plans]
-    finish(ax, plans[0].shape, np.vstack(points))
+    finish(ax, plans[0].shape, np.vstack(points), plans[0].problem.environment.obstacles)
     return figure
 
 
@@ -75,7 +81,7 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
     if ax is not None:
         draw_arm(shape, make_axes(ax, form="3d")[1])
         return ax  # type: ignore[no-any-return]
-    figure, ax = _alone()
+    figure, ax = alone()
     finish(ax, shape, draw_arm(shape, ax))
     return figure
 
@@ -102,18 +108,32 @@ def render(figure: Figure, kind: str) -> bytes:
     return file.getvalue()
 
 
-def _alone() -> tuple[Figure, Any]:
+def alone() -> tuple[Figure, Any]:
+    """Return a figure with one 3-D panel, and place for a title and a colour scale."""
     figure = Figure(figsize=(7, 6.2), dpi=DPI)
     return figure, figure.add_axes((0.02, 0.15, 0.94, 0.83), projection="3d")
 
 
-def finish(ax: Any, shape: Shape, points: Array) -> None:
-    """Set the best view of points (N, 3) [m]; add the legend and the colour scale."""
-    set_best_view(ax, shape, points)
+def finish(
+    ax: Any, shape: Shape, points: Array, obstacles: Sequence[Obstacle] = (), title: str = ""
+) -> None:
+    """Set the best view of points (N, 3) [m]; add the legend with a title, and the colour scale.
+
+    The legend is above the drawing.
+    """
+    figure = ax.figure
     if shape.tensions.any():
         add_scale(ax, ax.collections[-1])
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
+    panel = ax.get_position(original=True)
+    count = len(set(ax.get_legend_handles_labels()[1]))
+    place: dict[str, Any] = {"ncol": 1 + (count > _COLUMN), "columnspacing": 1.0}
+    place |= {"bbox_to_anchor": (panel.x0 + 0.02, panel.y1), "bbox_transform": figure.transFigure}
+    legend = add_legend(ax, title=title or None, alignment="left", borderaxespad=0.0, **place)
+    if legend is not None:
+        figure.draw_without_rendering()
+        low = legend.get_window_extent().transformed(figure.transFigure.inverted()).y0
+        ax.set_position((panel.x0, panel.y0, panel.width, low - panel.y0))
+    set_best_view(ax, shape, points, obstacles)
 
 
 def add_scale(ax: Any, pulled: Any) -> None:
@@ -223,8 +243,8 @@ def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
         texts = [f"{each:.3g}" if each > 0.02 * top else "" for each in tensions]
         ax.bar_label(bars, texts, padding=2, rotation=90 * narrow, fontsize=SIZE - 1.5)
     set_labels(ax, y="tension [N]")
-    names = [f"$T_{{{name[2:]}}}$" for name in arm.tendon_names]
-    ax.set_xticks(range(n), names, fontsize=SIZE - 2 * many, rotation=90 * many)
+    turned = 90 * (n > _MOST_UPRIGHT)
+    ax.set_xticks(range(n), arm.tendon_names, fontsize=SIZE - 2 * many, rotation=turned)
     ax.tick_params(axis="x", length=0)
     ax.set_xlim(-0.6, n - 0.4)
     ax.set_ylim(0, (1.32 if narrow and not many else 1.15) * top)

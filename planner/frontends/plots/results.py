@@ -1,23 +1,20 @@
-"""Figures of calibrations, stiffness and the ablation of effects."""
+"""Figures of calibrations, the ablation of effects, accuracy studies and checks of arms."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 from octoplan.model.paths import Array
-from octoplan.model.stiffness import Stiffness
 from octoplan.model.support.checks import kind
 from octoplan.planner.frontends.accuracy_study import AccuracyStudy
 from octoplan.planner.frontends.arm_check import ArmCheck
 from octoplan.planner.frontends.effect_ablation import Switch
-from octoplan.planner.frontends.plots.arm import draw_arm, set_best_view, set_limits
-from octoplan.planner.frontends.plots.style import INK, MM, SIZE, make_axes, set_labels, several
+from octoplan.planner.frontends.plots.arm import set_limits
+from octoplan.planner.frontends.plots.style import INK, MM, SIZE, make_axes, set_labels
 
 # Maximal number of shapes in a figure, evenly spread over the measurements.
 _SHAPES = 12
@@ -110,45 +107,6 @@ def _errors(result: Any, ax: Axes) -> None:
     ax.set_xlim(-0.05, 1.05)
     ax.set_xticks([0, 1], ["lower bound", "upper bound"], fontsize=SIZE)
     ax.set_title("standard errors", fontsize=SIZE)
-
-
-def plot_ellipsoids(
-    result: Sequence[Stiffness], force: float = 1e-3, ax: Axes3D | None = None
-) -> Figure | Axes3D:
-    """Draw the compliance ellipsoids of points of the arm: displacements by a force, in mm.
-
-    Parameters
-    ----------
-    result : sequence of Stiffness
-        Stiffnesses of one shape, at the points to be drawn.
-    force : float
-        Magnitude of the force [N]; displacements are to scale.
-
-    Returns a new Figure, or the given axes; raises InputError for an empty sequence.
-    """
-    result = several("result", result, Stiffness)
-    shown, ax = make_axes(ax, (6.4, 4.8), "3d")
-    shape = result[0].shape
-    points = [draw_arm(shape, ax)]
-    for k in result:
-        surface = _surface(k, force)
-        ax.plot_surface(*(MM * surface), color=_SKIN, alpha=0.25, linewidth=0)
-        points.append(surface.reshape(3, -1).T)
-    held = "constant tensions" if result[0].hold == "tension" else "constant lengths"
-    ax.set_title(f"displacement by {1e3 * force:g} mN at {held}", fontsize=SIZE)
-    set_best_view(ax, shape, np.vstack(points))
-    return shown
-
-
-def _surface(k: Stiffness, force: float) -> Array:
-    """Return points (3, 25, 49) of the ellipsoid [m]."""
-    axes, directions = k.ellipsoid()
-    down = np.linspace(0, np.pi, 25)
-    around = np.linspace(0, 2 * np.pi, 49)
-    polar, turn = np.meshgrid(down, around, indexing="ij")
-    ball = np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
-    moved = np.einsum("ij,j,jkl->ikl", directions, force * axes, ball)
-    return np.asarray(moved + k.shape.position(k.at)[:, None, None])
 
 
 def plot_effects(switches: tuple[Switch, ...], length: float, tolerance: float) -> Figure:

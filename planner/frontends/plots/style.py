@@ -64,6 +64,17 @@ def set_labels(ax: Axes, x: str = "", y: str = "", title: str = "", grid: bool =
         ax.set_axisbelow(True)
 
 
+def add_legend(ax: Any, **options: Any) -> Any:
+    """Add a legend to axes that contain labelled artists, and return it; each label occurs once."""
+    handles, labels = ax.get_legend_handles_labels()
+    entries = dict(zip(reversed(labels), reversed(handles), strict=True))
+    if not entries:
+        return None
+    style = {"loc": "upper left", "frameon": False, "fontsize": SIZE, "title_fontsize": SIZE}
+    names = list(dict.fromkeys(labels))
+    return ax.legend([entries[name] for name in names], names, **(style | options))
+
+
 def pull_norm(tensions: Array) -> Normalize:
     """Return the colour scale for tensions [N]: from 0 to the maximum."""
     return Normalize(0.0, float(tensions.max(initial=0.0)) or 1.0)
