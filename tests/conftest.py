@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import signal
 from collections import defaultdict
+from collections.abc import Callable
 
+import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 # Matrices are small: threads that wait for each other take a tenth more processor time.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -33,3 +36,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     selected = config.getoption("lf", False) or any("::" in name for name in config.args)
     if lost and not selected:
         raise pytest.UsageError(f"quick names no case of {', '.join(lost)}")
+
+
+@pytest.fixture
+def deviation(record_property: Callable[[str, object], None]) -> Callable[..., float]:
+    """Return a function that measures and records how far a result is from its reference.
+
+    The arguments are result, reference and unit; the function returns the largest difference over
+    the unit. `python -m studies.verification` collects the recorded values.
+    """
+
+    def measured(found: ArrayLike, wanted: ArrayLike, unit: float = 1.0) -> float:
+        value = float(np.abs(np.subtract(found, wanted)).max() / unit)
+        record_property("deviation", value)
+        return value
+
+    return measured

@@ -72,6 +72,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "speed sweep": ("--plans 10 --settles 500", "identical: True", ()),
     "planner_suite --beyond": ("--targets 1 --best-of 8 --jobs 1", "100.0%    1.000", ()),
+    "verification": ("--members 1 --rows weight helical", "heavy elastica by shooting", ()),
     "which_statics": ("", "neo-Hookean", ("which_statics.png",)),
 }
 

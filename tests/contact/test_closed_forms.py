@@ -47,7 +47,9 @@ def test_a_tip_pressed_on_a_floor_is_carried_but_for_what_bends_the_bar(force: f
 
 
 @pytest.mark.slow
-def test_a_tip_bent_against_a_wall_presses_as_the_elastica_does() -> None:
+def test_a_tip_bent_against_a_wall_presses_as_the_elastica_does(
+    deviation: Callable[..., float],
+) -> None:
     """theta' = (m - P (x(L) - x)) / EJ against a wall across y, with m the tendon's moment."""
     length, radius, E, tension, wall = 0.3, 0.003, 1e9, 40.0, 0.03
     EJ, m = stiffness(radius, E), tension * radius / 2
@@ -69,8 +71,8 @@ def test_a_tip_bent_against_a_wall_presses_as_the_elastica_does() -> None:
         bar(length, radius, E), [0, tension, 0, 0], Scene(ExactTendons(), Contact(obstacle)), 1e-9
     )
     (touch,) = shape.contacts
-    assert touch.force == pytest.approx([0, 0, P], rel=1e-6, abs=1e-9)
-    assert shape.tip == pytest.approx([reach, 0, -wall], abs=1e-9)
+    assert deviation(touch.force, [0, 0, P], P) < 1e-6
+    assert deviation(shape.tip, [reach, 0, -wall], length) < 3e-9
 
 
 def _root(missed: Callable[[np.ndarray], list[float]], guess: list[float]) -> np.ndarray:
@@ -130,7 +132,9 @@ def _strip(length: float, EJ: float, force: float, center: np.ndarray, wide: flo
 
 
 @pytest.mark.slow
-def test_a_strip_bent_round_a_cylinder_lies_on_its_arc_and_presses_at_its_ends() -> None:
+def test_a_strip_bent_round_a_cylinder_lies_on_its_arc_and_presses_at_its_ends(
+    deviation: Callable[..., float],
+) -> None:
     length, radius, E, force, round_ = 0.3, 0.002, 1e9, 12.0, 0.06
     center = np.array([0.12, -round_ - 0.004])
     cylinder = Capsule((0.12, -0.1, center[1]), (0.12, 0.1, center[1]), round_)
@@ -144,4 +148,4 @@ def test_a_strip_bent_round_a_cylinder_lies_on_its_arc_and_presses_at_its_ends()
         np.linalg.norm(touches[i].force) - h * (2 * p[i] + p[j]) / 6 for i, j in ((0, 1), (-1, -2))
     ]
     found = [touches[0].s, touches[-1].s, *ends, float(np.mean(p))]
-    assert found == pytest.approx(wanted, rel=1e-6)
+    assert deviation(found / wanted, 1.0) < 1e-6

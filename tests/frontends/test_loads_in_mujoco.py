@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,13 +95,15 @@ def tip_error(data: Any, shape: Shape) -> float:
 @quiet
 @pytest.mark.quick("0", "3", "4")
 @pytest.mark.parametrize("seed", range(8))
-def test_keyframe_stays_for_six_seconds_under_loads(seed: int) -> None:
+def test_keyframe_stays_for_six_seconds_under_loads(
+    seed: int, deviation: Callable[..., float]
+) -> None:
     arm, tensions, scene = random_case(seed)
     shape = settle(arm, tensions, scene)
     model = mujoco.MjModel.from_xml_string(mjcf(shape, 10))
     data, farthest = simulated(model, 6.0)
     assert farthest < 1e-6 * arm.length
-    assert tip_error(data, shape) < 1e-6
+    assert deviation(tip_error(data, shape), 0.0) < 1e-6
     assert data.qfrc_gravcomp.any()
 
 

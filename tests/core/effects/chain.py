@@ -35,21 +35,26 @@ class Chain:
         return self.length / self.radius.size
 
     def slope(self, strains: Array, tension: float) -> Array:
-        """Return the gradient [J] of the energy (2 n,): curvatures times length, stretches."""
+        """Return the gradient [J] of the energy (2 n, ...): curvatures times length, stretches."""
         n = self.radius.size
         curvature, stretch = strains[:n] / self.length, strains[n:]
-        R = self.radius
-        y = self.offset
+        column = (n, *(1,) * (strains.ndim - 1))
+        R = self.radius.reshape(column)
+        y = self.offset.reshape(column)
         EA = self.E * np.pi * R**2
         EJ = EA * R**2 / 4
         along = stretch - y * curvature
-        pull = np.where(y > 0, tension, 0.0) * along / np.sqrt(along**2 + self.taper**2)
-        angle = self.h * (np.cumsum(curvature) - curvature / 2)
+        pull = (
+            np.where(y > 0, tension, 0.0)
+            * along
+            / np.sqrt(along**2 + self.taper.reshape(column) ** 2)
+        )
+        angle = self.h * (np.cumsum(curvature, axis=0) - curvature / 2)
         weight = self.specific_weight * np.pi * R**2 * self.h
-        beyond = weight[::-1].cumsum()[::-1] - weight / 2
+        beyond = weight[::-1].cumsum(axis=0)[::-1] - weight / 2
         turned = self.h * beyond * stretch * np.sin(angle)
         by_curvature = self.h * (EJ * curvature - y * pull)
-        by_curvature = by_curvature + self.h * (turned[::-1].cumsum()[::-1] - turned / 2)
+        by_curvature = by_curvature + self.h * (turned[::-1].cumsum(axis=0)[::-1] - turned / 2)
         by_stretch = self.h * (EA * (stretch - 1) + pull - beyond * np.cos(angle))
         return np.concatenate([by_curvature / self.length, by_stretch])
 
@@ -64,8 +69,7 @@ class Chain:
         for tension in tensions:
             for _ in range(20):
                 shifted = strains[:, None] + 1e-30j * np.eye(2 * n)
-                columns = [self.slope(shifted[:, i], tension).imag / 1e-30 for i in range(2 * n)]
-                hessian = np.stack(columns, axis=1)
+                hessian = self.slope(shifted, tension).imag / 1e-30
                 step = -np.linalg.solve(hessian, self.slope(strains, tension))
                 strains = strains + step
                 if np.abs(step).max() < 1e-10:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -64,9 +65,11 @@ def test_the_references_are_five_without_load_and_five_with() -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_tip_is_where_the_other_program_has_it(name: str) -> None:
+def test_the_tip_is_where_the_other_program_has_it(
+    name: str, deviation: Callable[..., float]
+) -> None:
     gap = settled(name).tip - reference(name, "tip_position_m")
-    assert np.linalg.norm(gap) < far(name)
+    assert deviation(np.linalg.norm(gap), 0.0, ARM.length) < far(name) / ARM.length
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -7,7 +7,17 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.core.hard_cases import arms, invariants, loads, plans, pulls
+from tests.core.hard_cases import (
+    arms,
+    doubled,
+    hanging,
+    helices,
+    invariants,
+    loads,
+    plans,
+    pulls,
+    thin,
+)
 from tests.core.hard_cases.family import Family, judge
 
 FULL = 40
@@ -23,6 +33,10 @@ FAMILIES = (
     loads.HEAVY_LOADS,
     loads.STIFF_FRICTION,
     plans.ILL_POSED_PLANS,
+    hanging.HANGING,
+    helices.HELICES,
+    thin.THIN,
+    doubled.DOUBLED,
 )
 
 
@@ -41,6 +55,10 @@ FAMILIES = (
     "compression, silicone-0",
     "compression, paper-0",
     "compression, exact-0",
+    "hanging-0",
+    "helical tendons-0",
+    "long thin bars-0",
+    "nearly singular allocations-0",
 )
 @pytest.mark.parametrize("first", [0, pytest.param(1, marks=pytest.mark.slow, id="many")])
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)

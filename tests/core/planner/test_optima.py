@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,9 @@ def least(scene: Scene, tip: Array, start: Array, norm: str) -> Array:
 @pytest.mark.quick("paper-2")
 @pytest.mark.parametrize("norm", ["2", "1", "inf"])
 @pytest.mark.parametrize("name", SLSQP_SCENES)
-def test_no_tensions_near_a_plan_meet_its_tip_with_less_effort(name: str, norm: str) -> None:
+def test_no_tensions_near_a_plan_meet_its_tip_with_less_effort(
+    name: str, norm: str, deviation: Callable[..., float]
+) -> None:
     scene, rng = SLSQP_SCENES[name], np.random.default_rng(7)
     T = np.array([0, 0.1, 0, 0, 0.4, 0, 0, 0.2, 0, 1.1, 0.3, 0])
     tip = settle(ARM, T, scene, 1e-9).tip
@@ -67,8 +70,9 @@ def test_no_tensions_near_a_plan_meet_its_tip_with_less_effort(name: str, norm: 
     assert found.certificate.passed, found.outcome
     start = np.ravel(found.tensions) + 0.02 * rng.uniform(size=12)
     other = least(scene, tip, np.clip(start, 0, MOST), norm)
-    assert found.effort <= np.linalg.norm(other, ORDER[norm]) * (1 + 1e-5)
-    assert found.effort == pytest.approx(np.linalg.norm(other, ORDER[norm]), rel=2e-3)
+    least_effort = float(np.linalg.norm(other, ORDER[norm]))
+    assert found.effort <= least_effort * (1 + 1e-5)
+    assert deviation(found.effort, least_effort, least_effort) < 2e-3
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -95,7 +96,7 @@ def with_lengths_held(
     raise AssertionError(f"lengths are off by {np.abs(left).max():.1e} m")
 
 
-def check(case: Case, count: int) -> None:
+def check(case: Case, count: int, deviation: Callable[..., float]) -> None:
     """Assert that random wrenches move the tip according to the compliance."""
     arm, T = Arm.from_paper(case.arm), pulling(case.arm, case.seed)
     EA = TENDON_EA if case.hold == "length" else None
@@ -113,23 +114,27 @@ def check(case: Case, count: int) -> None:
             return np.concatenate([moved(start, shape, arm.length), pulls - T])
 
         found = fourth_order(at, 1.0)
-        assert gap(found[:6], k.compliance @ wrench / size) < WANTED
+        assert deviation(gap(found[:6], k.compliance @ wrench / size), 0.0) < WANTED
         if case.hold == "length":
-            assert gap(found[6:], k.tension_response @ wrench) < WANTED
+            assert deviation(gap(found[6:], k.tension_response @ wrench), 0.0) < WANTED
 
 
 @pytest.mark.quick(
     "table-4 silicone tension 0", "table-2 paper in water tension 0", "table-2 exact length 0"
 )
 @pytest.mark.parametrize("case", FEW, ids=str)
-def test_the_compliance_is_the_slope_of_settled_shapes(case: Case) -> None:
-    check(case, 1)
+def test_the_compliance_is_the_slope_of_settled_shapes(
+    case: Case, deviation: Callable[..., float]
+) -> None:
+    check(case, 1, deviation)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [*ALL, *MORE], ids=str)
-def test_the_compliance_is_the_slope_of_fifty_settled_shapes(case: Case) -> None:
-    check(case, 2)
+def test_the_compliance_is_the_slope_of_fifty_settled_shapes(
+    case: Case, deviation: Callable[..., float]
+) -> None:
+    check(case, 2, deviation)
 
 
 LOADED = {
