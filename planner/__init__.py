@@ -2,6 +2,7 @@
 
 import octoplan.planner.frontends.report  # noqa: F401  (it tells how results are shown)
 from octoplan.model.stiffness import stiffness
+from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.extensions.fit.calibrate import calibrate
 from octoplan.planner.extensions.fit.design import design
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Reach
@@ -23,6 +24,7 @@ from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 
 __all__ = [
+    "BaseJoints",
     "Limits",
     "ManufacturingLimits",
     "Measured",

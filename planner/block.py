@@ -15,7 +15,8 @@ the Constraints that add its blocks to all programs of a search. A strategy has 
 octoplan.planner.entry_points, and the first effect or target with a `plan_strategy` selects the
 strategy of a plan: strategies do not combine. The solution keeps the constraints in `avoidance`, so
 that the plan states the same program again. A target needs no block:
-octoplan.planner.targets.target_rows states the rows of all targets.
+octoplan.planner.targets.target_rows states the rows of all targets. Joints that move the base are a
+`Placement` of the planning problem, whose blocks are part of every program of the problem.
 
 A block is a frozen dataclass. The compared fields are the structure: two equal blocks add the same
 expressions to a program. Fields with `compare=False` are numbers, which a program never reads.
@@ -27,8 +28,8 @@ defect is added to rows, not to bounds of unknowns, and expressions of targets h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar, NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -40,6 +41,10 @@ from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Places
 from octoplan.model.shape import Shape
+
+if TYPE_CHECKING:
+    from octoplan.planner.certificate import Check
+    from octoplan.planner.planning_problem import PlanningProblem
 
 # Smallest multiplier of an active limit [-].
 ACTIVE = 1e-9
@@ -84,6 +89,8 @@ class ProgramView(NamedTuple):
         Compliances from all blocks, matrix by matrix and column by column [m/N]; with defect.
     decisions, measured, parameters : (n,)
         Decisions, measurements and parameters of the block; the defect is added to `measured`.
+    effort : scalar
+        The effort with the changes of all blocks before.
     """
 
     T: ca.MX
@@ -93,6 +100,7 @@ class ProgramView(NamedTuple):
     decisions: ca.MX
     measured: ca.MX
     parameters: ca.MX
+    effort: ca.MX
 
 
 class Block:
@@ -136,6 +144,11 @@ class Block:
         """Return the arc lengths whose poses the rows use [m]."""
         return ()
 
+    @property
+    def n_controls(self) -> int:
+        """The number of decisions that help to meet targets, as tensions do."""
+        return 0
+
     def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
         """Return the equations of the dependents, as placed kernels.
 
@@ -145,6 +158,14 @@ class Block:
             Places of the rod's tensions, load factor and states among all unknowns.
         unknown, row : int
             Place of the first dependent and of the first equation.
+        """
+        return []
+
+    def shares(self, decision: int) -> list[Term]:
+        """Return shares of the decisions in the equations of the rod, as placed kernels.
+
+        `decision` is the place of the first decision. An equation of the rod has the index of the
+        state that it determines, see octoplan.model.rod.layout.
         """
         return []
 
@@ -183,6 +204,10 @@ class Block:
         """Return the parameters (n_c, N) of each placed kernel, in the order of `equations`."""
         return []
 
+    def share_parameters(self, rod: DiscreteRod) -> list[Array]:
+        """Return the parameters (n_c, N) of each placed kernel, in the order of `shares`."""
+        return []
+
     def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> ParameterValues:
         """Return parameters by kernel and name that follow the iterate at which a solve starts.
 
@@ -201,9 +226,16 @@ class Block:
         """
         return "", []
 
-    def initial_decisions(self, T: Array) -> Array:
-        """Return initial values of the decisions, for tensions (n_tendons,) over T_ref."""
+    def initial_decisions(self, T: Array, states: Array) -> Array:
+        """Return initial values of the decisions.
+
+        For tensions (n_tendons,) over T_ref and states (n_states,) of the rod in SI units.
+        """
         return np.zeros(self.n_decisions)
+
+    def base_joints(self, decisions: Array) -> tuple[float, ...]:
+        """Return the values of the base joints for decisions; empty for other blocks."""
+        return ()
 
     def initial_dependents(self, equilibrium: Equilibrium) -> Array:
         """Return initial values of the dependents in SI units, unless the equations are linear.
@@ -226,3 +258,46 @@ class Constraints(Protocol):
 
     def blocks(self, arm: Arm) -> tuple[Block, ...]:
         """Return the blocks of the constraints."""
+
+
+class Placement(Protocol):
+    """Joints that move the base of an arm: unknowns of every program of a planning problem.
+
+    The arm of the problem has its base at the joint values `values`; see
+    octoplan.planner.extensions.base_joints.
+    """
+
+    @property
+    def home(self) -> Arm:
+        """The arm at joint values 0, to which targets refer."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm at the joint values."""
+
+    @property
+    def joints(self) -> Any:
+        """The limits of the joints, as passed to `plan`."""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The joint values: insertion [m] and rotation [rad]."""
+
+    @property
+    def position(self) -> Any:
+        """The joint values by name."""
+
+    def at(self, values: tuple[float, ...]) -> Placement:
+        """Return the placement at other joint values; at 0 for no values."""
+
+    def blocks(self, norm: str) -> tuple[Block, ...]:
+        """Return the blocks of the joints, for the norm of the tensions that is minimised."""
+
+    def guesses(self, task: PlanningProblem, missed: bool) -> Iterator[Array]:
+        """Yield initial tensions and joint values (n_tendons + n_joints,)."""
+
+    def checks(self) -> Mapping[str, Check]:
+        """Return the checks of the joint values for a certificate."""
+
+    def remark(self) -> str:
+        """Return a sentence about the joint values."""

@@ -159,7 +159,7 @@ class PeakTension(Block):
         T_max = ca.repmat(view.decisions, view.T.numel(), 1)
         return Parts([Rows(PEAK, T_max - view.T)], effort=view.decisions)
 
-    def initial_decisions(self, T: Array) -> Array:
+    def initial_decisions(self, T: Array, states: Array) -> Array:
         """Return the largest of the tensions."""
         return np.array([T.max()])
 

@@ -127,6 +127,8 @@ def _extension_fields(
     for name in named:
         if name in CERTIFICATE_CHECKS:
             fields |= load(CERTIFICATE_CHECKS[name])(problem, shape, line)
+    if problem.placement is not None:
+        fields["checks"] = {**fields.get("checks", {}), **problem.placement.checks()}
     return fields
 
 

@@ -25,6 +25,7 @@ CERTIFICATE_CHECKS = {
     "contact": f"{_EXTENSIONS}.contact.checks:complementarity_fields",
 }
 
+BASE_JOINTS = f"{_EXTENSIONS}.base_joints.placement:placed"
 WARM_START = f"{_EXTENSIONS}.warm_start:warm_start"
 JUMP = f"{_EXTENSIONS}.warm_start:jump"
 MIRROR_IMAGES = f"{_EXTENSIONS}.mirror:mirror_images"

@@ -22,6 +22,8 @@ from numpy.linalg import norm
 from scipy.sparse import csc_array
 
 from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem, factorised
 from octoplan.planner.solution import Solution, Trial
 
@@ -85,6 +87,20 @@ class NlpSolution(SolverResult):
         """The tensions (n_tendons,) [N]."""
         return self.problem.tensions(self.x)
 
+    @property
+    def task(self) -> PlanningProblem:
+        """The planning problem, with the base at the joint values of the solution."""
+        return self.problem.task.at_base(self.problem.base_joints(self.x))
+
+    @property
+    def controls(self) -> Array:
+        """The tensions (n_tendons,) [N], followed by the values of base joints if any."""
+        return np.append(self.tensions, self.problem.base_joints(self.x))
+
+    def settled(self, near: Shape | None = None) -> Shape:
+        """Return the settled shape under the tensions; see PlanningProblem.settled."""
+        return self.task.settled(self.tensions, near)
+
     @cached_property
     def derivatives(self) -> tuple[Array, Array, csc_array]:
         """The gradient of the objective, the rows and the Jacobian of the rows."""
@@ -139,6 +155,7 @@ class NlpSolution(SolverResult):
             tuple(self.lam_x[: program.n_decision].tolist()),
             tuple(self.lam_g[: program.n_design_rows].tolist()),
             tuple(trials),
+            base=problem.base_joints(self.x),
             iterations=self.iterations,
             optimum=None if self.defect is None else self,
             **more,

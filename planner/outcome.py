@@ -41,6 +41,8 @@ def remarks(plan: Any) -> str:
     if certificate.problem:
         return ""
     text = ""
+    if plan.placed.placement is not None:
+        text += f" {plan.placed.placement.remark()}"
     if images := plan.mirror_images():
         planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in images)
         text = f" Its mirror image across the plane at {planes} from n costs the same."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, reserve, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
+from octoplan.planner.entry_points import BASE_JOINTS, load
 from octoplan.planner.limits import Limits, checked_limits
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import (
@@ -27,6 +28,9 @@ from octoplan.planner.planning_problem import (
 from octoplan.planner.strategy import strategy_of
 from octoplan.planner.targets.base import Target
 
+if TYPE_CHECKING:
+    from octoplan.planner.extensions.base_joints.joints import BaseJoints
+
 
 @with_progress
 def plan(
@@ -36,6 +40,7 @@ def plan(
     tension_max: Any = np.inf,
     *,
     limits: Limits | None = None,
+    base: BaseJoints | None = None,
     near: Plan | None = None,
     obstacles: Any = (),
     clearance: float = 0.0,
@@ -65,6 +70,10 @@ def plan(
         Largest tension [N]; infinite unless given.
     limits : Limits
         Further limits: smallest tensions, the sum of the tensions, and strokes of the winches.
+    base : BaseJoints
+        Joints of the base as further unknowns: insertion along the axis of the base, and rotation
+        about it, within limits and with a weight in the effort. `Plan.base` has the joint values.
+        Targets and loads stay in space. The default is a fixed base.
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene. The search begins
         at its optimum, which takes a tenth of the time. If this fails, all guesses are tried. If
@@ -149,6 +158,8 @@ def plan(
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
     problem = replace(problem, options=replace(problem.options, margin=margin))
     problem = strategy.prepared(problem, *environment)
+    if base is not None:
+        problem = load(BASE_JOINTS)(problem, base)
     if near is not None:
         kind("near", near, Plan, "a Plan for the same arm and scene, or None")
         if near.arm != arm or not strategy.is_continuable(near.scene, scene):

@@ -54,15 +54,26 @@ class Plan(TextRepr):
     @classmethod
     def of(cls, problem: PlanningProblem, solution: Solution, **more: Any) -> Self:
         """Return the plan of a problem from the result of a search; `more` are further fields."""
-        asked = replace(problem, options=solution.options)
+        asked = replace(problem.at_base(()), options=solution.options)
         plan = cls(asked, replace(solution, optimum=None), **more)
         if solution.optimum is not None:
             vars(plan)["optimum"] = solution.optimum
         return plan
 
+    @cached_property
+    def placed(self) -> PlanningProblem:
+        """The problem with the base at the joint values of the solution."""
+        return self.problem.at_base(self.solution.base)
+
+    @property
+    def base(self) -> Any:
+        """The joint values of the base: `insertion` [m], `rotation` [rad]; None if it is fixed."""
+        placement = self.placed.placement
+        return None if placement is None else placement.position
+
     @property
     def arm(self) -> Arm:
-        """The arm."""
+        """The arm as given. The arm of `shape` has its base at the joint values."""
         return self.problem.arm
 
     @property
@@ -112,7 +123,7 @@ class Plan(TextRepr):
             return reason
 
     def _settle(self) -> Shape:
-        return self.problem.settled(self.tensions)
+        return self.placed.settled(self.tensions)
 
     @property
     def tip(self) -> Array:
@@ -137,7 +148,7 @@ class Plan(TextRepr):
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see octoplan.planner.certification."""
         T = np.ravel(self.tensions)
-        return certify(self.problem, T, lambda: self.shape, self._optimality)
+        return certify(self.placed, T, lambda: self.shape, self._optimality)
 
     @property
     def reached(self) -> bool:
@@ -198,7 +209,7 @@ class Plan(TextRepr):
         """Return the nonlinear program that the solution is an optimum of."""
         avoidance = self.solution.avoidance
         blocks = avoidance.blocks(self.arm) if avoidance else ()
-        return Problem(self.problem, self.problem.options, blocks)
+        return Problem(self.placed, self.problem.options, blocks)
 
     def multiplier_counts(self) -> tuple[int, int]:
         """Return the numbers of multipliers of bounds and rows that the solution must have."""
@@ -252,7 +263,7 @@ class Plan(TextRepr):
         in_contact = any(effect.plan_strategy for effect in self.scene.effects)
         if self.problem.environment or in_contact or self.mode != "exact" or not self.reached:
             return ()
-        images = load(MIRROR_IMAGES)(self.problem, self.shape)
+        images = load(MIRROR_IMAGES)(self.placed, self.shape)
         return tuple((angle, self.arm.by_section(T)) for angle, T in images)
 
     def co_contract(self, level: float) -> Plan:
@@ -276,6 +287,7 @@ class Plan(TextRepr):
             compile=problem.machine_code,
             **replace(problem.limits, lower=tuple(least.tolist())).keywords,
             **self._obstacle_keywords(),
+            **self.problem.base_keywords,
         )
         return result
 

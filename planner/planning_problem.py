@@ -30,6 +30,7 @@ from octoplan.planner.targets.target_set import TargetSet
 if TYPE_CHECKING:
     from octoplan.model.extensions.obstacles import Moving
     from octoplan.model.extensions.obstacles.base import Obstacle
+    from octoplan.planner.block import Placement
 
 # Default for the largest number of initial guesses.
 MAX_GUESSES = 14
@@ -93,6 +94,8 @@ class PlanningProblem:
         Tolerance of residuals over the arm's length, of angles in rad.
     environment : Environment
         The bodies that the arm keeps clear of.
+    placement : Placement or None
+        Joints that move the base; the arm has its base at the joint values of the placement.
     machine_code : bool
         Whether to use compiled kernels.
     guesses : int or None
@@ -111,6 +114,7 @@ class PlanningProblem:
     options: NlpOptions
     accuracy: float
     environment: Environment = NOTHING
+    placement: Placement | None = None
     machine_code: bool = field(default=False, kw_only=True, compare=False)
     guesses: int | None = field(default=None, kw_only=True, compare=False)
     best_margin: bool = field(default=False, kw_only=True, compare=False)
@@ -123,8 +127,26 @@ class PlanningProblem:
 
     @cached_property
     def target_set(self) -> TargetSet:
-        """All targets as one."""
-        return TargetSet(self.arm, self.targets)
+        """All targets as one; they refer to the base at joint values 0."""
+        arm = self.arm if self.placement is None else self.placement.home
+        return TargetSet(arm, self.targets)
+
+    @property
+    def base_joints(self) -> tuple[float, ...]:
+        """The joint values of the base; empty for a fixed base."""
+        return () if self.placement is None else self.placement.values
+
+    @property
+    def base_keywords(self) -> dict[str, Any]:
+        """The base joints as a keyword of `plan`."""
+        return {} if self.placement is None else {"base": self.placement.joints}
+
+    def at_base(self, values: tuple[float, ...]) -> PlanningProblem:
+        """Return the problem of the arm at joint values of the base, at 0 for no values."""
+        if self.placement is None or values == self.placement.values:
+            return self
+        placement = self.placement.at(values)
+        return replace(self, arm=placement.arm, placement=placement)
 
     @property
     def unloaded_scene(self) -> Scene:
@@ -137,6 +159,13 @@ class PlanningProblem:
         return self.limits.of_tendons(self.target_set.tendons)
 
     @property
+    def n_controls(self) -> int:
+        """The number of unknowns that can meet targets: tendons that can pull, and base joints."""
+        can_pull = int(np.greater(self.allowed.upper, self.allowed.lower).sum())
+        blocks = () if self.placement is None else self.placement.blocks(self.options.norm)
+        return can_pull + sum(block.n_controls for block in blocks)
+
+    @property
     def reference_accuracy(self) -> float:
         """The accuracy of verifying shapes: a hundredth of the problem's accuracy."""
         return max(self.accuracy / 100, FINEST_ACCURACY)
@@ -145,7 +174,7 @@ class PlanningProblem:
         """Settle tensions to the reference accuracy; raises the errors of settle.
 
         A shape `near` saves the load path from rest. It is used if the arm may have several
-        equilibria, because other arms settle as fast from rest.
+        equilibria, because other arms settle as fast from rest. Its base may be elsewhere.
 
         The error of a shape is that of the tip position over the arm's length. The error of the tip
         frame, which targets use too, can be thirty times as large.
@@ -156,7 +185,7 @@ class PlanningProblem:
                 tensions,
                 self.scene,
                 self.reference_accuracy,
-                near=near,
+                near=near if self.placement is None else replace(near, arm=self.arm),
                 compile=self.machine_code,
             )
         T = tuple(np.ravel(tensions).tolist())

@@ -114,6 +114,7 @@ class Problem:
         self.blocks = (
             *([PeakTension()] if self.options.norm == "inf" else []),
             TargetRows.of(self.target_set, self.options.mode),
+            *(task.placement.blocks(self.options.norm) if task.placement else ()),
             *blocks,
             self.stretch,
             *self._limited_blocks(rod),
@@ -169,10 +170,9 @@ class Problem:
         changes no optimum; programs converge fastest with the scale of the tensions. Otherwise the
         reference does not depend on limits, because effort is weighed against other objectives.
         """
-        terms, limits = self.target_set.terms, self.limits
-        can_pull = int(np.greater(limits.upper, limits.lower).sum())
+        terms = self.target_set.terms
         effort_alone = self.options.mode == "exact" and not terms.names[3]
-        if effort_alone and terms.count <= can_pull:
+        if effort_alone and terms.count <= self.task.n_controls:
             return float(self.unit.max())
         return effort_unit(self.arm)
 
@@ -183,7 +183,8 @@ class Problem:
     def kernel_parameters(self, rod: DiscreteRod) -> Array:
         """Return the parameters of all kernels (n,), for a rod of the same layout."""
         values = equilibrium_parameters(rod)
-        values += [each for block in self.blocks for each in block.kernel_parameters(rod)]
+        for block in self.blocks:
+            values += [*block.share_parameters(rod), *block.kernel_parameters(rod)]
         return np.concatenate([np.ravel(each, "F") for each in values])
 
     def _parameters(self, rod: DiscreteRod) -> Array:
@@ -259,25 +260,36 @@ class Problem:
         T = x[: self.arm.n_tendons] * self.unit
         return np.clip(T, self.limits.lower, self.limits.upper)
 
-    def guess(self, tensions: Array, settled: bool = False) -> Array:
-        """Return the unknowns for tensions (n_tendons,) [N].
+    def base_joints(self, x: Array) -> tuple[float, ...]:
+        """Return the values of the base joints in unknowns x; empty for a fixed base."""
+        placed = zip(self.blocks, self.program.decisions, strict=True)
+        return tuple(value for block, at in placed for value in block.base_joints(x[at]))
 
-        The states are the equilibrium without loads, which is no equilibrium under loads. With
-        `settled`, or under strong loads, the states are the equilibrium on the path from rest that
-        comes nearest to the tensions: strong loads move the arm too far for Newton's method. The
-        guess is the straight arm if the tensions collapse a cross-section.
+    def guess(self, controls: Array, settled: bool = False) -> Array:
+        """Return the unknowns for tensions (n_tendons,) [N], followed by base joints if any.
+
+        Without joint values, the base is that of the arm. The states are the equilibrium without
+        loads, which is no equilibrium under loads. With `settled`, or under strong loads, the
+        states are the equilibrium on the path from rest that comes nearest to the tensions: strong
+        loads move the arm too far for Newton's method. The guess is the straight arm if the
+        tensions collapse a cross-section.
         """
+        tensions, joints = np.split(controls, [self.arm.n_tendons])
+        forward = self.forward
+        if joints.size:
+            arm = self.task.at_base(tuple(joints.tolist())).arm
+            forward = Collocation(forward.system.with_base(arm))
         strong = is_loaded(self.arm, self.scene) and not has_unique_equilibrium(
             self.arm, self.scene
         )
         with suppress(OctoplanError, np.linalg.LinAlgError):
             if strong or (settled and is_loaded(self.arm, self.scene)):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
-                    point = self.forward.solve_towards(tensions)
+                    point = forward.solve_towards(tensions)
                     limits = self.limits.lower, self.limits.upper
                     return self.complete(np.clip(point.tensions, *limits), point.states)
-            return self.complete(tensions, self.forward.without_loads(tensions))
-        return self.complete(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
+            return self.complete(tensions, forward.without_loads(tensions))
+        return self.complete(tensions, forward.without_loads(np.zeros(self.arm.n_tendons)))
 
     def complete(
         self, tensions: Array, states: Array, kernel_parameters: Array | None = None
@@ -296,7 +308,7 @@ class Problem:
         x[program.states] = states / self.scale[program.states]
         deciding = _not_empty(self.blocks, program.decisions)
         for block, place in deciding:
-            x[place] = block.initial_decisions(tensions / self.effort_unit)
+            x[place] = block.initial_decisions(tensions / self.effort_unit, states)
         placed = _not_empty(self.blocks, program.dependents)
         at = [np.arange(place.start, place.stop) for block, place in placed if block.is_linear]
         if at:

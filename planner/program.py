@@ -25,8 +25,9 @@ minus the local wrench; `stage_equations` adds body and tendons to the stage row
 loads at a node to the balance of the node.
 
 Blocks (octoplan.planner.block) add unknowns and rows: decisions a, such as slacks, and dependents d
-with as many equations, such as tendon lengths or the least stable mode. The objective f depends on
-the mode of the targets (octoplan.planner.targets.target_rows). Let
+with as many equations, such as tendon lengths or the least stable mode. Decisions may have shares
+in the equations of the rod: base joints move the clamp (octoplan.planner.extensions.base_joints).
+The objective f depends on the mode of the targets (octoplan.planner.targets.target_rows). Let
 
     effort = 1/2 sum_j (T_j / T_ref)^2,  sum_j T_j / T_ref,  or  T_max / T_ref      (norm 2, 1, inf)
     cost   = effort, or sum of the targets' objectives + weight effort if targets have objectives
@@ -178,7 +179,8 @@ class Program:
         ]
         of_rod = np.r_[:n, self.n_decision : self.states.stop]
         terms = [Term(each.kernel, of_rod[each.unknowns], each.rows) for each in conditions]
-        for block, place in zip(blocks, self.dependents, strict=True):
+        for block, own, place in zip(blocks, self.decisions, self.dependents, strict=True):
+            terms += block.shares(own.start)
             terms += block.equations(of_rod, place.start, place.start - first)
         self.equations = Equations(self.size, self.n_equations, terms, rod.structure.machine_code)
         self._define_parameters()
@@ -225,7 +227,7 @@ class Program:
         effort = ca.sum1(T) if self.structure.norm == "1" else ca.sumsqr(T) / 2
         for k, block in enumerate(blocks):
             own = w[self.decisions[k]], measured[k], p[self.parameters[k]]
-            added = block.parts(ProgramView(T, T_ref, poses, compliances, *own))
+            added = block.parts(ProgramView(T, T_ref, poses, compliances, *own, effort))
             rows += added.rows
             misses += added.misses
             objectives += added.objectives

@@ -66,6 +66,8 @@ class Solution:
         solution. Empty if the load path from rest is straight.
     avoidance : Constraints or None
         Inequalities of the last program that keep the arm clear of obstacles.
+    base : tuple of float
+        Values of the base joints: insertion [m] and rotation [rad]; empty for a fixed base.
     sampled : int
         Number of shapes that were sampled for further guesses; 0 if the first guesses sufficed.
     iterations : int
@@ -87,6 +89,7 @@ class Solution:
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
     avoidance: Constraints | None = None
+    base: tuple[float, ...] = ()
     sampled: Count = 0
     iterations: Count = 0
     optimum: Any = field(default=None, repr=False, kw_only=True)

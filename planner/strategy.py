@@ -113,6 +113,7 @@ class Strategy:
 
     def solve_from(self, problem: PlanningProblem, plan: Plan) -> Solution | None:
         """Return the solution that meets the targets near the tensions of a plan, if any."""
+        problem = problem.at_base(plan.solution.base)
         constraints = self.constraints(problem)
         blocks = constraints.blocks(problem.arm) if constraints else ()
         stage = RelaxationStage(problem, "exact", blocks=blocks)

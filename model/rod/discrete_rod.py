@@ -5,6 +5,7 @@ The states S are all unknowns except tensions and load factor; see octoplan.mode
 
 from __future__ import annotations
 
+from copy import copy
 from functools import lru_cache, partial
 from typing import Any
 
@@ -35,6 +36,7 @@ from octoplan.model.rod.structure import (
 )
 from octoplan.model.rotations import cross
 from octoplan.model.scene import Scene
+from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BatchFunction, BufferedFunction, cached
 
@@ -114,6 +116,17 @@ class DiscreteRod:
     def __copy__(self) -> DiscreteRod:
         result = object.__new__(DiscreteRod)
         vars(result).update(vars(self), p=self.p.copy())
+        return result
+
+    def with_base(self, arm: Arm) -> DiscreteRod:
+        """Return the equations of an arm that differs in the base alone, on the same mesh."""
+        result = copy(self)
+        result.arm = arm
+        pose = base_pose(arm)
+        # q and -q are the same rotation: keep the sign within half a turn of this base.
+        if pose[:4] @ self.base[:4] < 0:
+            pose[:4] *= -1
+        result.parameters["clamp"]["pose"][:, 0] = pose
         return result
 
     def on_mesh(

@@ -38,6 +38,7 @@ def warm_start(
     tensions only. None as well if the plan does not reach its targets, if the continuation fails,
     or if its optimum is less stable than the margin.
     """
+    task = task.at_base(near.solution.base)
     arm, limits, margin = task.arm, task.limits, task.options.margin
     before, after = near.problem.target_set, task.target_set
     is_alike = (
@@ -46,6 +47,7 @@ def warm_start(
         and near.problem.options.margin == margin
         and replace(near.problem.limits, lower=limits.lower) == limits
         and near.solution.avoidance == avoidance
+        and near.placed.placement == task.placement
         and before.stations == after.stations
         and before.terms == after.terms
         and before.tendons == after.tendons
@@ -66,7 +68,9 @@ def warm_start(
         return fine.result(trials, jump=apart, avoidance=avoidance)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return Solution(near.problem.options, arm.by_section(T), (), (), (), stopped=True)
+        T = arm.by_section(T)
+        base = near.solution.base
+        return Solution(near.problem.options, T, (), (), (), stopped=True, base=base)
 
 
 def jump(before: Array, after: Array, *others: Array) -> float:

@@ -76,9 +76,14 @@ def initial_guesses(
 ) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted, drawn, and of the straight arm.
 
+    For an arm with base joints, the guesses have joint values, too; see Placement.guesses.
+
     Fits are sorted by effort and distance, or by distance alone if targets are `missed`. Draws are
     sorted as in `drawn_arms`. For an arm that is `loaded`, some draws are repeated with more pull.
     """
+    if task.placement is not None:
+        yield from task.placement.guesses(task, missed)
+        return
     limits, count = task.allowed, task.target_set.conditions
     # Small tensions in all tendons, inside of the limits.
     straight = np.clip(5e-3 * tension_scales(task.arm, limits), limits.lower, limits.upper)
@@ -98,6 +103,8 @@ def initial_guesses(
 def beside(near: NlpSolution) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] beside an optimum of a program with equalities.
 
+    Base joints keep the values of the optimum.
+
     The steps are right singular vectors of the derivative of the equalities by the tensions, sorted
     by increasing singular value. Directions that do not change the equalities are omitted.
     """
@@ -115,7 +122,8 @@ def beside(near: NlpSolution) -> Iterator[Array]:
         if value > _UNSEEN * values[0]:
             for step in (_ASIDE, -_ASIDE):
                 T = near.tensions + step * span * direction
-                yield np.clip(T, limits.lower, limits.upper)
+                joints = near.controls[n:]
+                yield np.append(np.clip(T, limits.lower, limits.upper), joints)
 
 
 def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
@@ -211,18 +219,20 @@ def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]
     return values[:, 0].copy(), (values[:, 1:] - values[:, :1]) / difference
 
 
-def residuals_of(task: PlanningProblem) -> Callable[[Array], Array]:
+def residuals_of(task: PlanningProblem) -> Callable[..., Array]:
     """Return the function of tensions (m, n_tendons) [N] -> residuals (m, k), without loads.
 
     The residuals of the targets, the violations of inequalities, and last the collapse of the body.
-    Compliances have the wanted values, so that targets of stiffness have no residual.
+    Compliances have the wanted values, so that targets of stiffness have no residual. The optional
+    argument `moved` is a function of poses (m, K, 7) that moves the base.
     """
     targets, at = task.target_set, task.target_set.stations
     forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 1, at, task.machine_code)
     nodes, gaps_of = [forward.mesh.node(s) for s in at], _residuals_of(targets.terms)
 
-    def residuals(tensions: Array) -> Array:
+    def residuals(tensions: Array, moved: Callable[[Array], Array] | None = None) -> Array:
         poses, stretch = forward.many(tensions, nodes)
+        poses = poses if moved is None else moved(poses)
         numbers = np.tile(targets.numbers, (len(tensions), 1))
         (gaps,) = gaps_of(poses.reshape(len(tensions), -1), numbers)
         gaps = np.hstack([gaps, 10 * np.maximum(0.05 - stretch, 0.0)[:, None]])

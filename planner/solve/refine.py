@@ -94,7 +94,7 @@ def _is_held(optimum: NlpSolution, tolerance: float) -> bool:
     problem = optimum.problem
     if has_unique_equilibrium(problem.arm, problem.scene):
         return True
-    error = defect(problem, optimum.x, problem.task.settled(optimum.tensions))
+    error = defect(problem, optimum.x, optimum.settled())
     before = 0.0 if optimum.defect is None else optimum.defect
     return _defect_size(problem, error - before) <= tolerance
 
@@ -122,7 +122,7 @@ def _corrected(
     """
     problem, before = optimum.problem, optimum.defect
     try:
-        shape = problem.task.settled(optimum.tensions, near)
+        shape = optimum.settled(near)
     except CollapsedError as collapse:
         error = collapse_defect(problem, optimum.x, collapse)
         return replace(optimum, defect=error), np.inf, near

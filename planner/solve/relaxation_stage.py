@@ -72,7 +72,7 @@ class RelaxationStage:
     task : PlanningProblem
     mode : "exact", "closest" or "nearest"
     guesses : iterator of (n_tendons,)
-        Initial tensions that were not yet solved from [N].
+        Initial tensions [N], and base joints if any, that were not yet solved from.
     blocks : tuple of Block
         Further blocks of the program, such as clearances.
     trials : list of Trial
@@ -202,7 +202,7 @@ class RelaxationStage:
         before = optimum.problem
         problem = Problem(self.task, before.options, self.blocks)
         if problem.program.size != optimum.x.size:
-            return self.solve_from(optimum.tensions)
+            return self.solve_from(optimum.controls)
         old, new = before.program.row_kinds, problem.program.row_kinds
         lam_g = np.zeros(new.size)
         for kind in np.unique(old):
@@ -248,7 +248,7 @@ class RelaxationStage:
         tensions of the rejected optima are the next guesses.
         """
         if not has_unique_equilibrium(self.task.arm, self.task.scene):
-            self.guesses = chain([optimum.tensions for optimum in self.stable], self.guesses)
+            self.guesses = chain([optimum.controls for optimum in self.stable], self.guesses)
         self.rejected = [*self.rejected, *self.stable]
         self.stable = []
         self.trials = [replace(trial, met=False) for trial in self.trials]

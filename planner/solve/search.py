@@ -131,7 +131,7 @@ class Search:
             unstable |= stage.no_stable_optimum_meets and stage.some_optimum_meets
             if suspended is not None and stage.some_optimum_meets and not stage.starts:
                 suspended.task = stage.task
-                nearest = stage.optima[0].tensions
+                nearest = stage.optima[0].controls
                 suspended.guesses = chain([nearest], suspended.guesses)
                 stages = [suspended, stage]
                 suspended = None
@@ -148,15 +148,14 @@ class Search:
     def _modes(self) -> list[Mode]:
         """Return the modes in the order in which they are solved.
 
-        The exact mode requires as many tendons that can pull as conditions; "closest" requires soft
-        residuals or inequalities of low priority.
+        The exact mode requires as many tendons that can pull and base joints as conditions;
+        "closest" requires soft residuals or inequalities of low priority.
         """
-        terms, limits = self.task.target_set.terms, self.task.allowed
-        can_pull = np.greater(limits.upper, limits.lower)
+        terms = self.task.target_set.terms
         modes: list[Mode] = ["nearest"]
         if terms.names[1] or LOW_PRIORITY in terms.inequality_weights:
             modes.insert(0, "closest")
-        if terms.count <= can_pull.sum():
+        if terms.count <= self.task.n_controls:
             modes.insert(0, "exact")
         return modes
 
@@ -178,7 +177,7 @@ class Search:
             self.task = self.samples.task
             trials = [replace(trial, met=False) for trial in stage.trials]
             best = stage.optima[:N_EQUAL_OPTIMA]
-            guesses = chain((each.tensions for each in best), guesses)
+            guesses = chain((each.controls for each in best), guesses)
             stage = RelaxationStage(
                 self.task, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
             )
@@ -234,16 +233,17 @@ class Search:
         are solved, corrected by the defect of the mesh: from the result's tensions, from tensions
         beside the result, and from initial guesses.
         """
-        stage, task = self.stage, self.stage.task
+        stage = self.stage
         refined = stage.refined
         if stage.mode == "exact" or refined is None or refined.f > ATTAINABLE:
             return result
+        task = stage.task.at_base(refined.problem.base_joints(refined.x))
         mesh = refined.problem.options.refinement
         problem = Problem(task, task.coarse("exact").replace(refinement=mesh), self.blocks)
         try:
             with suppress(OctoplanError, np.linalg.LinAlgError):
                 corrected = on_mesh(refined, problem, task.settled(refined.tensions))
-                guesses = chain([refined.tensions], beside(corrected), self.guesses())
+                guesses = chain([refined.controls], beside(corrected), self.guesses())
                 limited = islice(guesses, task.max_guesses)
                 exact = RelaxationStage(
                     task, "exact", limited, blocks=self.blocks, corrected=corrected
@@ -259,7 +259,7 @@ class Search:
         return result
 
     def guesses(self, n_tried: int = 1, n_sampled: int = 0) -> Iterator[Array]:
-        """Yield initial guesses, tensions (n_tendons,) [N].
+        """Yield initial guesses, tensions (n_tendons,) [N] and base joints if any.
 
         The number of guesses is at most that of the problem minus the `n_sampled` sampled shapes.
         The first guess comes first, and the other `n_tried` guesses of an earlier mode last,
@@ -288,9 +288,11 @@ class Search:
         if not optima and self.samples and self.samples.points:
             options = self.task.coarse("nearest")
             T = self.task.arm.by_section(self.samples.points[0].tensions)
-            return Solution(options, T, (), (), tuple(self.stage.trials), stopped)
+            trials = tuple(self.stage.trials)
+            return Solution(options, T, (), (), trials, stopped, base=self.task.base_joints)
         if best is None:
             *_, T = islice(drawn_arms(self.task), 2)
             options = self.task.coarse("nearest")
-            return Solution(options, self.task.arm.by_section(T), (), (), (), stopped)
+            T = self.task.arm.by_section(T[: self.task.arm.n_tendons])
+            return Solution(options, T, (), (), (), stopped, base=self.task.base_joints)
         return best.result(self.stage.trials, stopped=stopped)

@@ -107,7 +107,7 @@ def test_a_new_scene_shows_every_key_and_is_valid() -> None:
 
 def test_each_switched_off_line_of_a_new_scene_is_one_that_can_be_switched_on() -> None:
     alone = {"exact_tendons", "shear", "weight", "tip_load", "point_loads", "current", "friction"}
-    alone |= {"norm", "hull_mm", "base_position_mm", "base_frame", "tension_min"}
+    alone |= {"norm", "base", "hull_mm", "base_position_mm", "base_frame", "tension_min"}
     alone |= {"total_pull", "at_mm", "cross_section", "line_loads"}
     for key in sorted(alone):
         assert f"# {key} = " in TEMPLATE

@@ -55,7 +55,7 @@ class Lines:
             if self.loaded
             else ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
         )
-        self._tensions, self._states = np.zeros((0, arm.n_tendons)), list[Array]()
+        self._controls, self._states = np.zeros((0, arm.n_tendons)), list[Array]()
 
     def __call__(self, tensions: Array) -> Centreline | None:
         """Return the centreline under tensions (n_tendons,); None without an equilibrium."""
@@ -92,19 +92,26 @@ class Lines:
         The start is interpolated between the equilibria of the two nearest tensions. If this fails,
         the arm starts at rest.
         """
-        forward, point = self._forward, None
+        return self._near(self._forward, tensions, tensions)
+
+    def _near(self, forward: Collocation, tensions: Array, controls: Array) -> Equilibrium | None:
+        """Return the equilibrium of a forward map, from the known ones with the nearest controls.
+
+        Controls are the tensions, and further numbers if the map has any.
+        """
+        point = None
         if self._states:
-            far = np.linalg.norm(self._tensions - tensions, axis=1)
+            far = np.linalg.norm(self._controls - controls, axis=1)
             a, b = np.argsort(far, kind="stable")[:2][[0, -1]]
-            way = self._tensions[b] - self._tensions[a]
-            share = (tensions - self._tensions[a]) @ way / max(float(way @ way), SMALLEST)
+            way = self._controls[b] - self._controls[a]
+            share = (controls - self._controls[a]) @ way / max(float(way @ way), SMALLEST)
             guess = self._states[a] + np.clip(share, 0, 1) * (self._states[b] - self._states[a])
             (point,) = newton(forward.system, [Start(tensions, 1.0, guess)])
         with suppress(OctoplanError):
             point = point or forward.solve(tensions)
         if point is None:
             return None
-        self._tensions = np.vstack([self._tensions, tensions])
+        self._controls = np.vstack([self._controls.reshape(-1, controls.size), controls])
         self._states.append(point.states)
         return point
 

@@ -28,7 +28,7 @@ from octoplan.planner.targets.base import Target
 SAMPLED = 1e-3
 # Ratios of quantities to limits: attribute, label, words of the failure, tolerance.
 _RATIOS = (
-    ("rate", "rate of tension over limit [-]", "a rate of tension", FINEST_ACCURACY),
+    ("rate", "rate of tension over limit [-]", "a rate of tension or joint", FINEST_ACCURACY),
     ("stroke_rate", "rate of stroke over limit [-]", "a rate of stroke", SAMPLED),
     (
         "stroke_acceleration",
@@ -55,8 +55,8 @@ class MotionCertificate(HtmlRepr):
         Largest violation of a stroke limit beyond the accuracy of strokes [m], of the settled arm
         at waypoints and at 320 instants from each waypoint to the next.
     rate : float
-        Largest rate of tension over its limit; exact, because tensions are linear between
-        waypoints.
+        Largest rate of a tension or a base joint over its limit; exact, because both are linear
+        between waypoints.
     stroke_rate, stroke_acceleration, tip_acceleration : float
         Largest rate and acceleration of a stroke, and acceleration of the tip, over their limits,
         of the settled arm at 320 instants from each waypoint to the next.
@@ -179,10 +179,11 @@ def certify_motion(
     """
     rates = question.rates
     parts = way.progress.c[2].astype(int)
-    changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
+    changes = (np.abs(np.diff(way.controls, axis=0)) / question.control_rates).max(axis=1)
+    tensions, _ = question.split(way.controls)
     stroke_rate, stroke_acceleration, tip_acceleration = map(float, way.largest / rates.of_places)
     result = MotionCertificate(
-        bounds=max(tension_excess(T, question.limits) for T in way.tensions),
+        bounds=max(tension_excess(T, question.limits) for T in tensions),
         rate=float((changes[parts] * fastest_pace(way.progress)).max()),
         stroke_rate=stroke_rate,
         stroke_acceleration=stroke_acceleration,
@@ -200,10 +201,11 @@ def _checked(
     result: MotionCertificate, question: Question, way: Timed, shapes: tuple[Shape, ...]
 ) -> MotionCertificate:
     """Return a certificate with the checks at targets and between waypoints."""
-    pairs = zip(question.targets, (shapes[k] for k in way.met), strict=True)
+    _, joints = question.split(way.controls[list(way.met)])
+    pairs = zip(question.targets, (shapes[k] for k in way.met), joints.tolist(), strict=True)
     result = replace(
         result,
-        at_targets=tuple(_at_target(question, targets, shape) for targets, shape in pairs),
+        at_targets=tuple(_at_target(question, *pair[:2], tuple(pair[2])) for pair in pairs),
         jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
     )
     check_time()  # a certificate at a target catches OutOfTime
@@ -225,10 +227,18 @@ def _checked(
     )
 
 
-def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
+def _at_target(
+    question: Question, targets: tuple[Target, ...], shape: Shape, joints: tuple[float, ...]
+) -> Certificate:
     """Return the certificate of a waypoint: all targets must be met, optimality is not required."""
     problem = PlanningProblem(
-        question.arm, targets, question.scene, question.limits, NlpOptions(), question.accuracy
+        shape.arm,
+        targets,
+        question.scene,
+        question.limits,
+        NlpOptions(),
+        question.accuracy,
+        placement=question.placement and question.placement.at(joints),
     )
     one = certify(problem, shape.tensions, lambda: shape, lambda: Optimality(0.0))
     return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})

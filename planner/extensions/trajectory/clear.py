@@ -168,7 +168,7 @@ def strokes_between(
     margins = np.full(way.starts.size - 1, np.inf)
     when = way.starts[:-1].copy()
     jumps = list[int]()
-    for k, ends in enumerate(pairwise(way.tensions)):
+    for k, ends in enumerate(pairwise(way.controls)):
         try:
             stretch = Stretch.of(lines.lengths, *ends, within)
         except ConvergenceError:

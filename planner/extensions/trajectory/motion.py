@@ -10,10 +10,13 @@ from octoplan.model.arm import Arm
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.loads import has_complementarity
 from octoplan.model.scene import Scene
+from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, limited, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
+from octoplan.planner.extensions.base_joints.joints import BaseJoints
+from octoplan.planner.extensions.base_joints.placement import JointPlacement, placement_of
 from octoplan.planner.extensions.trajectory.clear import cleared
 from octoplan.planner.extensions.trajectory.question import (
     Question,
@@ -57,6 +60,7 @@ def trajectory(
     progress: bool | None = None,
     quasi_static: bool = False,
     tip_acceleration_max: float | None = None,
+    base: BaseJoints | None = None,
 ) -> Trajectory:
     """Return tensions over time that move an arm through targets, in minimal time or effort.
 
@@ -102,6 +106,10 @@ def trajectory(
     tip_acceleration_max : float
         Largest acceleration of the tip [m/s2], instead of `quasi_static`; the arm then stops at
         each waypoint, as for accelerations of strokes.
+    base : BaseJoints
+        Joints of the base, with rates; see plan. Joint values are linear between waypoints, as
+        tensions are. Such motions have no obstacles, no limits of strokes and their rates, and no
+        limits of accelerations.
 
     Raises
     ------
@@ -124,7 +132,8 @@ def trajectory(
         tip=tip_acceleration_max,
         quasi_static=quasi_static,
     )
-    instants = checked_times(file_times if times is None else times, len(sequence), rates)
+    placement = None if base is None else _placement(arm, scene, base, start)
+    instants = checked_times(file_times if times is None else times, len(sequence), rates, base)
     every = tuple(target for targets in sequence for target in targets)
     question = Question(
         arm=arm,
@@ -138,7 +147,10 @@ def trajectory(
         accuracy=checked_accuracy(accuracy),
         machine_code=checked_compile(compile),
         begin=_plan_in_contact(start, scene) if has_complementarity(scene) else None,
+        placement=placement,
     )
+    if placement is not None:
+        _check_fixed_base_options(question)
     with limited(time_limit):
         way = Timed.of(
             question, (planned_touching if has_complementarity(scene) else cleared)(question)
@@ -158,3 +170,30 @@ def _plan_in_contact(start: Any, scene: Scene) -> ContactPlan | None:
 
     is_plan = isinstance(start, ContactPlan) and is_same(start.scene, scene)
     return start if is_plan else None
+
+
+def _placement(arm: Arm, scene: Scene, base: Any, start: Any) -> JointPlacement:
+    """Return the base joints at their initial values: of the plan `start`, or nearest to 0."""
+    placement = placement_of(arm, scene, (), base)
+    if not isinstance(start, Plan):
+        return placement
+    values = start.solution.base or (0.0, 0.0)
+    low, high = placement.joints.limits
+    if np.any(np.less(values, low)) or np.any(np.greater(values, high)):
+        raise InputError("start", tuple(values), f"a plan with base joints from {low} to {high}")
+    return placement.at(values)
+
+
+def _check_fixed_base_options(question: Question) -> None:
+    """Raise InputError for options of motions that base joints do not support."""
+    rates = question.rates
+    given = {
+        "obstacles": bool(question.surroundings),
+        "stroke_max": question.limits.strokes is not None,
+        "stroke_rate_max": np.isfinite(rates.stroke),
+        "stroke_acceleration_max": np.isfinite(rates.acceleration),
+        "tip_acceleration_max": np.isfinite(rates.tip_acceleration),
+    }
+    for name, is_given in given.items():
+        if is_given:
+            raise InputError(name, "given", "omitted beside base joints")

@@ -21,8 +21,11 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.paths import Array
+from octoplan.model.rod.kernels import Places
 from octoplan.model.support.progress import check_time
 from octoplan.planner.blocks import TendonLengths
+from octoplan.planner.extensions.base_joints.block import JointBlock
+from octoplan.planner.extensions.base_joints.placement import JointPlacement
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
 from octoplan.planner.nlp_solution import SolverResult
@@ -120,12 +123,31 @@ def _limited(
     j = np.flatnonzero(np.isfinite(rate))
     start = question.start[j] / unit[j]
     rate = rate[j] / unit[j]
+    if question.placement is not None:
+        return _with_joints(question.placement, programs, j, start, rate)
     if not np.isfinite(rates.pace):
         return (tuple(j.tolist()),) * len(programs), start, rate
     lengths = question.lines().lengths(question.start)
     indices = [np.r_[j, _lengths(program)] for program in programs]
     rate = np.append(rate, np.full(lengths.size, rates.pace / L))
     return tuple(tuple(at.tolist()) for at in indices), np.append(start, lengths / L), rate
+
+
+def _with_joints(
+    placement: JointPlacement, programs: Sequence[Program], j: Places, start: Array, rate: Array
+) -> tuple[tuple[Indices, ...], Array, Array]:
+    """Return the rate-limited tensions with indices `j`, and the rate-limited base joints."""
+    (block,) = placement.blocks("2")
+    assert isinstance(block, JointBlock)
+    rates = block.scaled(placement.joints.rates)
+    k = np.flatnonzero(np.isfinite(rates))
+    indices = []
+    for program in programs:
+        blocks = program.structure.blocks
+        (at,) = (i for i, each in enumerate(blocks) if isinstance(each, JointBlock))
+        indices.append(tuple(np.r_[j, program.decisions[at].start + k].tolist()))
+    start = np.append(start, block.scaled(placement.values)[k])
+    return tuple(indices), start, np.append(rate, rates[k])
 
 
 def _lengths(program: Program) -> slice:

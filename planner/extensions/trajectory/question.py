@@ -26,6 +26,7 @@ from octoplan.planner.block import Block, Constraints
 from octoplan.planner.entry_points import LOAD_WAYPOINTS, load
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import grid
+from octoplan.planner.extensions.base_joints.lines import MovingLines
 from octoplan.planner.limits import TendonLimits, each_tendon
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
@@ -34,6 +35,8 @@ from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
 
 if TYPE_CHECKING:
+    from octoplan.planner.extensions.base_joints.joints import BaseJoints
+    from octoplan.planner.extensions.base_joints.placement import JointPlacement
     from octoplan.planner.extensions.contact.plan import ContactPlan
 
 GRAVITY = float(np.linalg.norm(Weight().g))
@@ -131,12 +134,20 @@ class Waypoint:
         Clearance inequalities.
     fraction : float
         Fraction of the duration between two targets that the arm takes from the previous waypoint.
+    base : tuple of float
+        Joint values of the base: insertion [m] and rotation [rad]; empty for a fixed base.
     """
 
     targets: tuple[Target, ...]
     tensions: Array
     avoidance: Constraints | None = None
     fraction: float = 1.0
+    base: tuple[float, ...] = ()
+
+    @property
+    def controls(self) -> Array:
+        """Tensions (n_tendons,) [N], followed by the joint values of the base if any."""
+        return np.append(self.tensions, self.base)
 
     def blocks(self, arm: Arm) -> tuple[Block, ...]:
         """Return the blocks of its program that keep the arm clear."""
@@ -168,6 +179,8 @@ class Question:
         Whether to use compiled kernels.
     begin : ContactPlan or None
         With contact, the plan from which the motion starts.
+    placement : JointPlacement or None
+        Joints that move the base, at their initial values.
     """
 
     arm: Arm
@@ -181,6 +194,23 @@ class Question:
     accuracy: float
     machine_code: bool = field(default=False, compare=False)
     begin: ContactPlan | None = field(default=None, compare=False)
+    placement: JointPlacement | None = None
+
+    @property
+    def start_controls(self) -> Array:
+        """Initial tensions (n_tendons,) [N], followed by the joint values of the base if any."""
+        return np.append(self.start, self.placement.values if self.placement else ())
+
+    @property
+    def control_rates(self) -> Array:
+        """Rates of the tensions [N/s], followed by those of the base joints [m/s, rad/s] if any."""
+        joints = self.placement.joints.rates if self.placement else ()
+        return np.append(self.rates.tension, joints)
+
+    def split(self, controls: Array) -> tuple[Array, Array]:
+        """Return the tensions (..., n_tendons) and the joint values (..., n) of controls."""
+        n = self.arm.n_tendons
+        return controls[..., :n], controls[..., n:]
 
     @property
     def steps(self) -> Array | None:
@@ -218,6 +248,7 @@ class Question:
             "accuracy": self.accuracy,
             "compile": self.machine_code,
             "certify": False,
+            "base": self.placement.joints if self.placement else None,
         }
         for k in range(i, len(self.targets) if near is None else i + 1):
             with of_target(k):
@@ -233,23 +264,35 @@ class Question:
         place = f"targets[{i}]" + (len(missed) > 1) * f" to [{i + len(missed) - 1}]"
         raise InputError(place, "not reached", f"targets that can be met: {missed[0].outcome}")
 
-    def shape(self, T: Array, near: Shape | None) -> Shape:
-        """Settle under tensions (n_tendons,), warm-started from the shape `near`.
+    def shape(self, controls: Array, near: Shape | None) -> Shape:
+        """Settle under tensions (n_tendons,), and at joint values of the base if any.
+
+        The start is the shape `near`.
 
         The first shape of a motion has no `near`: settle from rest, or along the load path of the
         initial plan.
         """
+        T, joints = self.split(controls)
+        arm = self.arm
+        if self.placement is not None:
+            arm = self.placement.at(tuple(joints.tolist())).arm
+            near = near and replace(near, arm=arm)
         fine = max(self.accuracy / 10, FINEST_ACCURACY)
         if near is None and has_complementarity(self.scene):
             from octoplan.planner.extensions.contact.load_path import settled_along
 
             path = self.begin.solution.load_path if self.begin else ()
             return settled_along(self.arm, path, T, self.scene, fine, self.machine_code)
-        return settle(self.arm, T, self.scene, fine, compile=self.machine_code, near=near)
+        return settle(arm, T, self.scene, fine, compile=self.machine_code, near=near)
 
     def lines(self) -> Lines:
-        """Return a function from tensions to midlines, which under loads warm-starts each solve."""
+        """Return a function from tensions to midlines, which under loads warm-starts each solve.
+
+        With base joints, the tensions are followed by joint values.
+        """
         places = tuple(grid(self.arm)[1:].tolist())
+        if self.placement is not None:
+            return MovingLines(self.placement, self.scene, _MESH, places, self.machine_code)
         return Lines(self.arm, self.scene, _MESH, places, self.machine_code)
 
 
@@ -301,13 +344,18 @@ def waypoints_of(
     return tuple(checked), times
 
 
-def checked_times(times: Any, count: int, rates: Rates) -> Array | None:
+def checked_times(
+    times: Any, count: int, rates: Rates, joints: BaseJoints | None = None
+) -> Array | None:
     """Return the prescribed time of each target [s], or None for minimal time.
 
     Raises InputError if times do not increase from above 0, and for minimal time without limits of
     rates.
     """
     limited = np.all(np.isfinite(rates.tension)) or np.isfinite(rates.of_places).any()
+    if times is None and joints is not None and not np.isfinite(joints.rates).all():
+        allowed = "base joints with insertion_rate and rotation_rate, or times [s]"
+        raise InputError("base", joints, allowed)
     if times is None and not limited:
         allowed = (
             "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "

@@ -60,7 +60,15 @@ class Trajectory(TextRepr):
     @property
     def flat(self) -> Array:
         """Tensions (N + 1, n_tendons) at the times [N]."""
-        return self.way.at(self.times)
+        return self.question.split(self.way.at(self.times))[0]
+
+    @property
+    def base(self) -> Array:
+        """Insertion [m] and rotation [rad] of the base (N + 1, 2) at the times; 0 if it is fixed.
+
+        Joint values are linear between the times.
+        """
+        return self.base_at(self.times)
 
     @property
     def stops(self) -> tuple[int, ...]:
@@ -90,8 +98,8 @@ class Trajectory(TextRepr):
         `Shape.snaps` reports a jump of an arm in contact on the path to the waypoint.
         """
         shapes = list[Shape]()
-        for T in track("shapes", list(self.way.tensions)):
-            shapes.append(self.question.shape(T, shapes[-1] if shapes else None))
+        for controls in track("shapes", list(self.way.controls)):
+            shapes.append(self.question.shape(controls, shapes[-1] if shapes else None))
         return tuple(shapes)
 
     @property
@@ -184,19 +192,32 @@ class Trajectory(TextRepr):
 
         Raises InputError for times outside of the motion.
         """
+        tensions, _ = self.question.split(self._controls_at(t))
+        return self.arm.by_section(tensions[0]) if np.ndim(t) == 0 else tensions
+
+    def base_at(self, t: Any) -> Array:
+        """Return insertion [m] and rotation [rad] of the base (2,) or (M, 2) at times [s].
+
+        Raises InputError for times outside of the motion.
+        """
+        _, joints = self.question.split(self._controls_at(t))
+        joints = joints if joints.size else np.zeros((len(joints), 2))
+        return np.asarray(joints[0] if np.ndim(t) == 0 else joints)
+
+    def _controls_at(self, t: Any) -> Array:
+        """Return tensions and joint values (M, n) at times [s]."""
         wanted = finite_array("t", np.atleast_1d(t), (None,))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self.duration * (1 + 1e-12)):
             raise InputError("t", t, f"times from 0 to {self.duration:g} s")
-        result = self.way.at(wanted)
-        return self.arm.by_section(result[0]) if np.ndim(t) == 0 else result
+        return self.way.at(wanted)
 
     def shape(self, t: float) -> Shape:
         """Settle at a time [s]."""
         k = int(np.searchsorted(self.way.starts, t, side="right")) - 1
         before = self._at_waypoints[k]
-        return (
-            before if t == self.way.starts[k] else self.question.shape(np.ravel(self.at(t)), before)
-        )
+        if t == self.way.starts[k]:
+            return before
+        return self.question.shape(self._controls_at(t)[0], before)
 
     def save(self, path: str | Path) -> Path:
         """Write times [s], tensions [N] and tendon lengths [m] to a .csv file.

@@ -179,8 +179,9 @@ class Timed:
 
     Attributes
     ----------
-    tensions : (N + 1, n_tendons)
-        Tensions at the waypoints [N]; the first one is the start of the motion.
+    controls : (N + 1, n_tendons)
+        Tensions at the waypoints [N], followed by joint values of the base if any; the first row is
+        the start of the motion.
     met : tuple of int
         Index of the waypoint that meets each target.
     starts : (N + 1,)
@@ -192,7 +193,7 @@ class Timed:
         limited.
     """
 
-    tensions: Array
+    controls: Array
     met: tuple[int, ...]
     starts: Array
     progress: PPoly
@@ -205,12 +206,13 @@ class Timed:
         If times are prescribed, the stretches up to a target share its duration in proportion to
         their minimal durations, or to the waypoints' fractions if no limit determines these.
         """
-        tensions = np.vstack([question.start, *(waypoint.tensions for waypoint in waypoints)])
+        start = question.start_controls
+        controls = np.vstack([start, *(waypoint.controls for waypoint in waypoints)])
         met = tuple(k for k, waypoint in enumerate(waypoints, start=1) if waypoint.targets)
         rates = question.rates
         steps = question.steps
         stretches = list[Stretch]()
-        least = (np.abs(np.diff(tensions, axis=0)) / rates.tension).max(axis=1)
+        least = (np.abs(np.diff(controls, axis=0)) / question.control_rates).max(axis=1)
         fractions = np.array([waypoint.fraction for waypoint in waypoints])
         speeds = 1 / np.maximum(least, _ROUNDING * fractions)
         laws = [_paced(np.array([0.0, 1.0]), np.full(2, speed)) for speed in speeds]
@@ -223,7 +225,7 @@ class Timed:
                 return np.concatenate([lines.lengths(T), tip])
 
             accuracy = question.accuracy * question.arm.length
-            stretches = [Stretch.of(places, *ends, at_last=accuracy) for ends in pairwise(tensions)]
+            stretches = [Stretch.of(places, *ends, at_last=accuracy) for ends in pairwise(controls)]
             laws = [
                 fastest(stretch, rates) if rates.at_rest else stretch.kept(law, rates)
                 for law, stretch in zip(laws, stretches, strict=True)
@@ -237,10 +239,10 @@ class Timed:
         times = [start + law.x[:-1] for start, law in zip(starts, laws, strict=False)]
         parts = [law.c + np.array([[0], [0], [k]]) for k, law in enumerate(laws)]
         progress = PPoly(np.hstack(parts), np.concatenate([*times, starts[-1:]]))
-        return cls(tensions, met, starts, progress, largest.max(axis=0))
+        return cls(controls, met, starts, progress, largest.max(axis=0))
 
     def at(self, t: Array) -> Array:
-        """Return the tensions (M, n_tendons) at times (M,) [s]."""
+        """Return the controls (M, n_tendons), with joint values if any, at times (M,) [s]."""
         progress = self.progress(t)
-        indices = np.arange(len(self.tensions))
-        return np.array([np.interp(progress, indices, T) for T in self.tensions.T]).T
+        indices = np.arange(len(self.controls))
+        return np.array([np.interp(progress, indices, each) for each in self.controls.T]).T

@@ -94,8 +94,9 @@ class Waypoints:
             if not k and not all(map(Problem.is_stable, problems, unknowns)):
                 return None
             tensions = map(Problem.tensions, problems, unknowns)
-            pairs = zip(waypoints, tensions, strict=True)
-            waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
+            joints = map(Problem.base_joints, problems, unknowns)
+            each = zip(waypoints, tensions, joints, strict=True)
+            waypoints = [replace(waypoint, tensions=T, base=base) for waypoint, T, base in each]
             parameters = list(map(self._corrected, problems, unknowns, parameters))
             if program.violation(solution, parameters) <= self.question.accuracy / SAFETY_FACTOR:
                 break
@@ -115,8 +116,9 @@ class Waypoints:
             limits,
             options,
             question.accuracy,
+            placement=question.placement and question.placement.at(()),
             machine_code=question.machine_code,
-        )
+        ).at_base(waypoint.base)
         return Problem(task, options, waypoint.blocks(question.arm))
 
     def _corrected(self, problem: Problem, x: Array, p: Array) -> Array:
@@ -125,7 +127,7 @@ class Waypoints:
         For a crushed arm, the defect of the smallest stretch is used. If the arm does not settle,
         the defect is unchanged; the certificate then reports the error.
         """
-        task = problem.task
+        task = problem.task.at_base(problem.base_joints(x))
         point = problem.linearised(x)
         before = p[problem.program.parts["defect"]]
         near = Shape(task.arm, task.scene, np.inf, point, problem.options.refinement)
@@ -152,7 +154,9 @@ class Waypoints:
         last target.
         """
         begin, *others = self.question.targets
-        waypoint = Waypoint(begin, np.ravel(first.tensions), first.solution.avoidance)
+        solution = first.solution
+        T = np.ravel(first.tensions)
+        waypoint = Waypoint(begin, T, solution.avoidance, base=solution.base)
         waypoints = [waypoint]
         optimum: NlpSolution | None = None
         for targets in others:
@@ -167,7 +171,8 @@ class Waypoints:
             optimum = solve(problem, x, problem.parameters(), problem.bounds, multipliers, "follow")
             if not optimum.converged:
                 return None
-            waypoint = replace(waypoint, tensions=optimum.tensions)
+            base = problem.base_joints(optimum.x)
+            waypoint = replace(waypoint, tensions=optimum.tensions, base=base)
             waypoints.append(waypoint)
         return waypoints if optimum is None or _is_best(optimum) else None
 
@@ -185,7 +190,8 @@ class Waypoints:
         for targets, each in zip(question.targets, plans, strict=True):
             images = [each.tensions, *(T for _, T in each.mirror_images())]
             before = min(map(np.ravel, images), key=partial(_largest_change, before))
-            alone.append(Waypoint(targets, before, each.solution.avoidance))
+            solution = each.solution
+            alone.append(Waypoint(targets, before, solution.avoidance, base=solution.base))
         return alone
 
 

@@ -42,6 +42,7 @@ def check_inverse(p: Plan) -> None:
         (p.problem.limits.total is not None, "total_pull", p.problem.limits.total, "omitted"),
         (p.problem.options.norm != "2", "norm", p.problem.options.norm, "2"),
         (bool(p.problem.environment), "obstacles", p.problem.environment, "omitted"),
+        (p.base is not None, "base", p.base, "None, a fixed base"),
     ]
     for wrong, field, value, allowed in checks:
         if wrong:

@@ -28,9 +28,9 @@ from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.io.files import versions
 
 # Units in keys: the power of ten that converts a number to SI; None for degrees.
-UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
+UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None, "deg/s": None}
 # SI unit for each unit.
-SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
+SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad", "mm/s": "m/s", "deg/s": "rad/s"}
 
 
 UNIONS = (Union, UnionType)

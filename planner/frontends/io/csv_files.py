@@ -105,10 +105,17 @@ def _mm(arm: Arm, lengths: Any) -> list[Any]:
 
 
 def motion_csv(motion: Any) -> bytes:
-    """Return a trajectory as CSV: times [s], tensions [N] and lengths [m] of the tendons."""
+    """Return a trajectory as CSV: times [s], tensions [N] and lengths [m] of the tendons.
+
+    With base joints, insertion [m] and rotation [rad] follow.
+    """
     names = motion.arm.tendon_names
     columns = ["t_s", *(f"{name}_N" for name in names), *(f"{name}_length_m" for name in names)]
-    return _lines(columns, np.column_stack([motion.times, motion.flat, motion.lengths]).tolist())
+    values = [motion.times, motion.flat, motion.lengths]
+    if motion.question.placement is not None:
+        columns += ["insertion_m", "rotation_rad"]
+        values.append(motion.base)
+    return _lines(columns, np.column_stack(values).tolist())
 
 
 # Reading

@@ -187,6 +187,9 @@ class TrajectoryRecord(Record, kw_only=True):
         Matrix, about("at each time, in tendon order", lambda motion: motion.flat)
     ]
     lengths_m: Annotated[Matrix, about("of the tendons, at each time")]
+    base: Annotated[
+        Matrix, about("insertion [m] and rotation [rad] of the base at each time; 0 if it is fixed")
+    ]
     tendons: Annotated[
         list[str], about("names, in tendon order", lambda motion: motion.arm.tendon_names)
     ]

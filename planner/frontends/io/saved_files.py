@@ -11,11 +11,12 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.forward import checked_accuracy
-from octoplan.model.support.checks import not_negative, positive, within
+from octoplan.model.support.checks import finite_array, not_negative, positive, within
 from octoplan.model.support.errors import FileError
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.progress import with_progress
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
+from octoplan.planner.extensions.base_joints.placement import placed
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.frontends.io.codec import read, value_of
 from octoplan.planner.frontends.io.files import path_of, read_json
@@ -88,6 +89,9 @@ def load_plan(
         question.self_clearance,
     )
     task = replace(task, environment=around)
+    if question.base is not None:
+        task = build_at(name, "question.base", placed, task, value_of(question.base))
+        build_at(name, "answer.base", finite_array, "base", result.base, (2,))
     plan = strategy_of(task, has_obstacles=bool(around)).plan_of(task, result)
     _check_multipliers(plan, name)
     with limited_to(None if time_limit is None else positive("time_limit", time_limit)):

@@ -18,6 +18,7 @@ from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.scene import Scene
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, ClearanceRow, Place
+from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.extensions.fit.fitted import Fitted, Start
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.residuals import Residual
@@ -54,6 +55,7 @@ ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
 TargetKind: Any = choice(map(exact, TARGETS))
 ArmKind: Any = exact(Arm)
 SceneKind: Any = exact(Scene)
+BaseKind: Any = exact(BaseJoints, placed=True)
 LimitsKind: Any = exact(TendonLimits, placed=True)
 ShapeKind: Any = exact(Measured, placed=True)
 UnknownKind: Any = exact(Unknown, placed=True)
@@ -72,6 +74,12 @@ class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = []
     clearance: Annotated[float, about(of=attrgetter("problem.environment.clearance"))] = 0.0
     self_clearance: Annotated[bool, about(of=attrgetter("problem.environment.of_itself"))] = False
+    base: Annotated[
+        BaseKind | None,
+        about(
+            "joints of the base", lambda plan: encode_exact(plan.problem.base_keywords.get("base"))
+        ),
+    ] = None
 
 
 _SOLUTION = tuple(name for name in arguments(Solution) if name != "optimum")
@@ -113,6 +121,13 @@ class PlanRecord(Record, kw_only=True):
     certified: Annotated[bool, about(of=lambda plan: plan.certificate.passed)]
     mode: Literal["exact", "closest", "nearest"]
     tensions_N: Rows
+    base: Annotated[
+        dict[str, float] | None,
+        about(
+            "joint values of the base: insertion [m] and rotation [rad]",
+            lambda plan: None if plan.base is None else plan.base._asdict(),
+        ),
+    ] = None
     tendons: Annotated[
         list[str], about("names, in tendon order", lambda plan: plan.arm.tendon_names)
     ]

@@ -18,6 +18,7 @@ from octoplan.model.support.errors import FileError
 from octoplan.model.support.units import STROKE, length_text, warn_unusual
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
+from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.frontends.io.codec import (
     arguments,
     arguments_of,
@@ -162,6 +163,8 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> SceneFile:
     options |= {"obstacles": obstacles} | _without_none(arguments_of(table.motion))
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
+    if table.base is not None:
+        options["base"] = build("base", partial(_base, arm), table.base)
     stiff = build("stiffness", partial(_stiffness, arm), table.stiffness)
     return SceneFile(arm, scene, targets, waypoints, table.tensions, options, stiff, name)
 
@@ -221,6 +224,12 @@ def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:
     limits = Limits(**given)
     checked_limits(arm, Scene(), limits=limits)
     return {"limits": limits, "stroke_zero": zero}
+
+
+def _base(arm: Arm, table: Any) -> BaseJoints:
+    joints: BaseJoints = value_of(table)
+    joints.check(arm)
+    return joints
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:

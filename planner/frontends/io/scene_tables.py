@@ -19,6 +19,7 @@ from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import NotNegative, Positive
+from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.frontends.io.codec import (
     WRITE,
     Table,
@@ -170,6 +171,10 @@ class LimitsTable(Table, frozen=True):
     ] = "straight"
 
 
+BaseTable: Any = table(BaseJoints)
+TABLES[BaseJoints] = BaseTable
+
+
 class MotionTable(Table, frozen=True):
     """Rates and times of `octoplan trajectory`."""
 
@@ -260,6 +265,10 @@ class SceneTable(OptionsTable, frozen=True, kw_only=True):
         tuple[ObstacleTable, ...], Meta(description="obstacles that the whole arm avoids")
     ] = ()
     limits: LimitsTable | None = None
+    base: Annotated[
+        BaseTable | None,
+        Meta(description="joints of the base that plan and trajectory move"),
+    ] = None
     tensions: Annotated[
         Tensions | None, quantity("one row per section, tip first, or flat", "N")
     ] = None

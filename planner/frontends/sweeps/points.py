@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from octoplan.model import InputError, OctoplanError, settle_many
 from octoplan.model.scene import Scene
 from octoplan.model.support.progress import ProgressLine, check_time, limited
+from octoplan.planner.extensions.base_joints.joints import BasePosition
 from octoplan.planner.frontends.io.calls import run_plan, run_settle, run_stiffness
 from octoplan.planner.frontends.io.codec import arguments
 from octoplan.planner.frontends.io.key_paths import changed
@@ -68,6 +69,8 @@ VARIABLES: Mapping[Compute, Mapping[str, Variable]] = {
         **_SHAPE,
         "effort": Variable((), "N", "minimised norm of the tensions"),
         "reached": Variable((), "1", "whether the targets are met, by the certificate", False),
+        "insertion": Variable((), "m", "insertion of the base, 0 for a fixed base"),
+        "rotation": Variable((), "rad", "rotation of the base, 0 for a fixed base"),
     },
     "stiffness": {
         **_SHAPE,
@@ -202,6 +205,7 @@ def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
         # Without an equilibrium, the outcome has the reason.
         with suppress(OctoplanError):
             values |= {name: getattr(p.shape, name) for name in names}
+        values |= (p.base or BasePosition())._asdict()
         return values | {"tensions": np.ravel(p.tensions), "outcome": p.outcome}
     values = {"settled": True, "outcome": SETTLED}
     if compute == "settle":

@@ -1,0 +1,1 @@
+"""Joints that move the base of an arm: unknowns of plans and motions."""
