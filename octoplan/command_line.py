@@ -34,6 +34,17 @@ COMMANDS = {
     "schema": "Print the JSON Schema of files, or of the JSON output of a command.",
 }
 """Commands with descriptions; the functions are in planner/frontends/commands."""
+# More help on the page of a command.
+_DETAILS = {
+    "stiffness": """\
+Keys of the table [stiffness] in the scene file:
+  hold       "tension" or "length": the quantity that the motors hold;
+             default: "length" if the scene has lengths, else "tension"
+  at_mm      arc length of the loaded point; default: the tip
+  tendon_EA  stiffness E A of tendons of held length in N;
+             default: inextensible; at the top of files with lengths
+  release    false: tendons without tension are held, too""",
+}
 # Modules of the commands; `scenes` for all others.
 _MODULES = dict.fromkeys(("new", "sweep", "calibrate", "design", "schema"), "files")
 EXIT_CODES = """\
@@ -44,7 +55,9 @@ Exit codes:
        or a missing package: the message has the command that installs it
   74   standard output is full or closed
   130  interrupted (Ctrl-C); 141 the reader of the output has exited;
-       143 terminated"""
+       143 terminated
+"""
+"""Meaning of the exit codes, for the help of all commands and docs/command_line.rst."""
 
 
 def app() -> App:
@@ -55,7 +68,7 @@ def app() -> App:
     line = App(
         "octoplan",
         help="Find the tendon tensions with which a soft arm takes a shape.",
-        help_epilogue=EXIT_CODES,
+        help_epilogue=EXIT_CODES.rstrip(),
         help_format="plaintext",
         console=Console(file=io.StringIO(), width=columns, force_terminal=is_terminal),
         version=", ".join(f"{name} {version(name)}" for name in packages),
@@ -63,7 +76,8 @@ def app() -> App:
     )
     for place, (name, sentence) in enumerate(COMMANDS.items()):
         path = f"octoplan.planner.frontends.commands.{_MODULES.get(name, 'scenes')}:{name}"
-        line.command(path, name=name, help=sentence, sort_key=place)
+        text = "\n\n".join([sentence, *filter(None, [_DETAILS.get(name)])])
+        line.command(path, name=name, help=text, sort_key=place)
     line.register_install_completion_command(help="Install completion for the current shell.")
     return line
 

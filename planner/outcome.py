@@ -106,7 +106,7 @@ def _verdict(plan: Any, certificate: Certificate) -> str:
             f"passes them by {over}; {tried}"
         )
     if plan.mode != "exact" and not certificate.attained:
-        missed = f"the nearest shape found is off in {_gaps(certificate, length)}"
+        missed = f"the nearest shape found is off in {_gaps(plan)}"
         return f"Not reached: {missed}; {_reason(plan)}; {tried}"
     if certificate.too_near:
         passed = (certificate.clearances[name] for name in certificate.too_near)
@@ -142,13 +142,15 @@ def _success(plan: Any) -> str:
     return f", as near as found: {gaps} ({_reason(plan)})"
 
 
-def _gaps(certificate: Certificate, length: float) -> str:
+def _gaps(plan: Any) -> str:
     """Return the residuals of missed equalities and violated inequalities."""
-    gaps = [
-        f"{name} by {_size(value, length, certificate.units.get(name, ''))}"
-        for name, value in certificate.equality.items()
-        if value > certificate.tolerance
-    ]
+    certificate, length = plan.certificate, plan.problem.arm.length
+    gaps = []
+    for name, value in certificate.equality.items():
+        if value > certificate.tolerance:
+            size = f"{name} by {_size(value, length, certificate.units.get(name, ''))}"
+            texts = (target.describe_miss(name, plan.shape) for target in plan.targets)
+            gaps.append(next(filter(None, texts), size))
     for name, value in certificate.inequality.items():
         if value < -certificate.tolerance:
             share = f"{1 + value:.4g} times what is wanted found, "

@@ -1,4 +1,4 @@
-"""The command line `octoplan`: options, output and exit codes; `--help` lists the codes."""
+"""The command line `octoplan`: options, output and exit codes; see octoplan.command_line."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ class OutputError(OctoplanError):
         super().__init__(f"standard output cannot be written: {reason}")
 
 
-# Exit codes by exception.
+# Exit codes by exception; EXIT_CODES describes them.
 _CODES: tuple[tuple[Any, int], ...] = (
     (BrokenPipeError, 141),
     (OutputError, 74),
@@ -265,7 +265,7 @@ def _logged() -> Iterator[None]:
 
 
 def deliver(output: Output, options: Options) -> None:
-    """Write the files for --out, all or none, then print JSON or text.
+    """Write the files for --out, all or none, then print JSON, or text and the names of files.
 
     Raises OutputError if standard output cannot be written, BrokenPipeError if the reader has
     exited.
@@ -279,7 +279,10 @@ def deliver(output: Output, options: Options) -> None:
             drawn = import_module("octoplan.planner.frontends.plots.plan").render
             files[f"{output.name}.{kind}"] = drawn(output.draw(), kind)
         write_together(options.out, files)
-    text = to_json(output.record).decode() if options.json else output.text()
+        written = f"\n\nwritten to {options.out}: {', '.join(files)}"
+    else:
+        written = ""
+    text = to_json(output.record).decode() if options.json else output.text() + written
     if sys.stdout is None:
         raise OutputError("it is closed")
     try:

@@ -28,6 +28,7 @@ from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.accuracy_study import AccuracyPoint, AccuracyStudy, duration
 from octoplan.planner.frontends.arm_check import ArmCheck
 from octoplan.planner.frontends.effect_ablation import Switch
+from octoplan.planner.frontends.io.records import stability_under_loads
 from octoplan.planner.frontends.many import FailedPlan
 from octoplan.planner.plan_result import Plan
 
@@ -81,13 +82,17 @@ def _winches(shape: Shape, zero: Any = None) -> list[str]:
 
 
 def _shape(shape: Shape) -> Iterator[Part]:
-    """Yield the text of a shape, with strokes if lengths were given."""
+    """Yield the text of a shape, with strokes if lengths were given, and the stability."""
     if shape.winches is None:
         yield repr(shape)
     else:
         table = tendon_table("tensions [N]", shape.arm.tendons_by_section, shape.tensions)
         tables = [table, *_winches(shape)]
         yield shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.remarks)
+    value = stability_under_loads(shape)
+    if value is not None:
+        state = "stable" if value > 0 else "not stable"
+        yield f"\nstability under the loads [-]  {value:.3g}: {state}; 1 at rest, 0 at buckling"
 
 
 def _certificate(result: Certificate | MotionCertificate) -> Iterator[Part]:

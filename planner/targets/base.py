@@ -203,6 +203,13 @@ class Target:
         """
         return {}
 
+    def describe_miss(self, name: str, shape: Shape) -> str:
+        """Return how far a shape misses an equality of `terms`, for the outcome of a plan.
+
+        An empty text stands for the name and the number in its unit.
+        """
+        return ""
+
     def remark(self, shape: Shape, limits: TendonLimits, missed: bool, accuracy: float) -> str:
         """Return a sentence for the outcome of a plan; empty for none.
 

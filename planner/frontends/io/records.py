@@ -14,7 +14,9 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.compliance import length_error
-from octoplan.model.support.errors import OctoplanError
+from octoplan.model.loads import is_loaded
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.accuracy_study import AccuracyPoint
@@ -107,6 +109,15 @@ def _sections(k: Any) -> Any:
     return np.linspace(0.0, k.shape.arm.length, _SECTIONS)
 
 
+def stability_under_loads(shape: Shape) -> float | None:
+    """Return the stability of a shape; None without loads, and if the scene has no energy."""
+    if not is_loaded(shape.arm, shape.scene):
+        return None
+    with suppress(InputError):
+        return shape.stability
+    return None
+
+
 class ShapeRecord(Record, kw_only=True):
     """A settled shape."""
 
@@ -115,6 +126,10 @@ class ShapeRecord(Record, kw_only=True):
     tip_frame: Annotated[Matrix, about("columns t, n, b")]
     tensions_N: Annotated[Rows, about(of=lambda shape: shape.arm.by_section(shape.tensions))]
     error: Annotated[float, about("estimated tip error over arm length")]
+    stability: Annotated[
+        float | None,
+        about("1 at rest, 0 at buckling; null without loads", stability_under_loads),
+    ]
     tendon_lengths_m: Annotated[Floats, about("in tendon order")]
     strokes_m: Annotated[Floats, about("taken in from the straight arm at rest", strokes)]
     slack: Annotated[list[bool], about("in tendon order", lambda shape: shape.slack.ravel())]

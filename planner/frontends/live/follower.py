@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from octoplan.model.arm import Arm
@@ -192,7 +193,7 @@ class Follower:
         reach = self._reach * self._natural
         low = np.maximum(self._low - T, -reach) - 1e-12
         bounds = low, np.maximum(np.minimum(self._high - T, reach), low + 2e-12)
-        change = lsq_linear(matrix, right, bounds, method="bvls").x
+        change = _bounded_least_squares(matrix, right, bounds, self._high > self._low)
         if self.brink:
             if self._stability is self._unheld:
                 self._stability = _stability(self.shape)
@@ -201,7 +202,7 @@ class Follower:
             if self.brink:
                 matrix = np.vstack([matrix, _FIRM * slope])
                 right = np.append(right, _FIRM * (BRINK - value))
-                change = lsq_linear(matrix, right, bounds, method="bvls").x
+                change = _bounded_least_squares(matrix, right, bounds, self._high > self._low)
         return np.asarray(change)
 
     def _settled(self, tensions: Array) -> Shape | None:
@@ -260,6 +261,21 @@ class Follower:
         radius = arm.outer_radius(s)[0]
         gap, way = distances_from(self.around[0], shape.states[1:, None, 4:7])
         return (self.around[1] + radius[:, None] - gap) / arm.length, way
+
+
+def _bounded_least_squares(
+    matrix: Array, right: Array, bounds: tuple[Array, Array], free: NDArray[np.bool_]
+) -> Array:
+    """Return the least-squares solution within bounds; 0 for the unknowns that are not free.
+
+    The active-set method takes as many iterations as unknowns and may end early if most bounds
+    are active.
+    """
+    change = np.zeros(free.size)
+    if free.any():
+        low, high = (bound[free] for bound in bounds)
+        change[free] = lsq_linear(matrix[:, free], right, (low, high), method="bvls").x
+    return change
 
 
 def _under_loads(shape: Shape) -> Equilibrium | None:

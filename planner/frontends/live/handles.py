@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -74,17 +74,17 @@ class Goal:
 
 
 def goal_of(arm: Arm, target: TipPosition | TipPose | BendingPlane) -> Goal:
-    """Return the goal of a target: for the tip, or for the tangent at the end of a section."""
+    """Return the goal of a target: for the tip, or for a tangent of a bending plane."""
     if isinstance(target, BendingPlane):
         axes = np.full((3, 3), np.nan)
         axes[:, 0] = tangent(arm, target)
-        return Goal(arm.sections[target.section - 1].at, None, axes)
+        return Goal(target.station(arm), None, axes)
     axes = np.array(target.frame) if isinstance(target, TipPose) else np.full((3, 3), np.nan)
     return Goal(arm.length, np.array(target.position), axes)
 
 
 def tangent(arm: Arm, target: BendingPlane) -> Array:
-    """Return the tangent (3,) at the end of a section that bends as the target requires."""
+    """Return the tangent (3,) that the target requires."""
     along = np.cos(target.bend) * np.array(arm.base_frame)[:, 0]
     return np.asarray(along + np.sin(target.bend) * toward(arm, target.angle))
 
@@ -139,13 +139,12 @@ def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
         start = np.concatenate([from_matrix(np.array(wanted.frame)), wanted.position])
         return Handle(True, start, _tip_pose, (_PLACE, _TURNS))
     if isinstance(wanted, BendingPlane):
-        section = wanted.section
         numbers = Numbers(
             "Plane, bend [deg]",
-            lambda pose: np.degrees([(at := _plane(arm, section, pose)).angle, at.bend]),
-            lambda _, typed: _end(arm, _bending_plane(section, *np.radians(typed))),
+            lambda pose: np.degrees([(at := _plane(arm, wanted, pose)).angle, at.bend]),
+            lambda _, typed: _end(arm, _bent(wanted, *np.radians(typed))),
         )
-        return Handle(False, _end(arm, wanted), partial(_plane, arm, section), (numbers,))
+        return Handle(False, _end(arm, wanted), partial(_plane, arm, wanted), (numbers,))
     kinds = [type(target).__name__ for target in targets]
     raise InputError("target", kinds, "one TipPosition, TipPose or BendingPlane to drag")
 
@@ -154,16 +153,15 @@ def _tip_pose(pose: Array) -> TipPose:
     return TipPose(tuple(pose[4:].tolist()), matrices(pose[:4]).tolist())
 
 
-def _plane(arm: Arm, section: int, pose: Array) -> BendingPlane:
+def _plane(arm: Arm, wanted: BendingPlane, pose: Array) -> BendingPlane:
     """Return the bending plane whose tangent points from the base to the handle."""
     along, n, b = (pose[4:] - np.array(arm.base_position)) @ np.array(arm.base_frame)
-    return _bending_plane(
-        section, float(np.arctan2(-n, b)), float(np.arctan2(np.hypot(n, b), along))
-    )
+    return _bent(wanted, float(np.arctan2(-n, b)), float(np.arctan2(np.hypot(n, b), along)))
 
 
-def _bending_plane(section: int, angle: float, bend: float) -> BendingPlane:
-    return BendingPlane(float(angle), float(np.clip(bend, _LEAST, np.pi)), section)
+def _bent(wanted: BendingPlane, angle: float, bend: float) -> BendingPlane:
+    """Return the target with another plane and bend [rad]."""
+    return replace(wanted, angle=float(angle), bend=float(np.clip(bend, _LEAST, np.pi)))
 
 
 def _end(arm: Arm, wanted: BendingPlane) -> Array:

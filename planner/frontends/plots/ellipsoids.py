@@ -65,7 +65,7 @@ def plot_ellipsoids(
         add_legend(panel)
     else:
         finish(panel, shapes[0], np.vstack(points), title=title)
-    return shown  # type: ignore[no-any-return]
+    return shown
 
 
 def visible_force(result: Sequence[Stiffness]) -> float:

@@ -154,6 +154,7 @@ def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
     solution = {"starts": (0, 0, 0), "n_equal_optima": 2, "sampled": 0, "stopped": False}
     solution |= {"in_the_way": "", "unstable": False, "avoidance": None}
     plan = {"certificate": MISSED, "mode": "nearest", "effort": 1.0, "holding": list}
+    plan |= {"targets": ()}
     plan |= {name: fact for name, fact in facts.items() if name in plan}
     solution |= {name: fact for name, fact in facts.items() if name not in plan}
     problem = SimpleNamespace(arm=ARM)
