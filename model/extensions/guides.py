@@ -149,7 +149,7 @@ class GuideTerm(RodTerm):
 
     def kernel_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the offsets of the spans."""
-        offsets = self._offsets(arm)
+        offsets = self.offsets(arm)
         if not self.signed_mu:
             return {"chord": {"offsets": offsets}}
         tendon = np.array([j for j, _, _ in self.spans])
@@ -161,7 +161,12 @@ class GuideTerm(RodTerm):
 
     def length_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the offsets of the spans."""
-        return {"chord_length": {"offsets": self._offsets(arm)}}
+        return {"chord_length": {"offsets": self.offsets(arm)}}
+
+    def span_nodes(self, mesh: Mesh) -> tuple[tuple[int, int, int], ...]:
+        """Return the tendon and the nodes of both ends of each span."""
+        at = self.nodes(mesh)
+        return tuple((j, at[first], at[last]) for j, first, last in self.spans)
 
     def _spans_at(self, nodes: tuple[int, ...]) -> tuple[Places, Places, Places]:
         """Return the tendons (1, n) of the spans, and the nodes (n,) of both ends."""
@@ -169,7 +174,7 @@ class GuideTerm(RodTerm):
         at = np.array(nodes, np.int64)
         return tendon[None], at[first], at[last]
 
-    def _offsets(self, arm: Arm) -> Array:
+    def offsets(self, arm: Arm) -> Array:
         """Return the offsets along n and b (4, n) [m] at both ends of the spans."""
         tendon, first, last = np.array(self.spans, np.int64).T
         return np.vstack([guide_offsets(arm, self.places, i, tendon) for i in (first, last)])
@@ -246,6 +251,14 @@ def bend() -> Kernel:
     angle = 2 * ca.asin(ca.fmin(gap / 2, 1))
     row = theta[1] - theta[0] - angle
     return Kernel("bend", ca.vertcat(poses, theta), {"offsets": offsets}, row)
+
+
+def chord_energy() -> Kernel:
+    """Return the kernel of tension times length of a span. Unknowns: poses of both guides."""
+    span = _Span()
+    tension = ca.SX.sym("tension")
+    parameters = {"offsets": span.offsets, "tension": tension}
+    return Kernel("chord_energy", span.poses, parameters, tension * ca.norm_2(span.along))
 
 
 def chord_length() -> Kernel:

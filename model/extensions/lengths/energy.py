@@ -17,11 +17,12 @@ from octoplan.model.cross_section.law import (
     elastic_strains,
     size,
 )
+from octoplan.model.extensions.guides import chord_energy, chord_length
 from octoplan.model.extensions.obstacles.base import SIZE, signed_distance
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import element, rotation_quaternions
 from octoplan.model.rod.equations import Equations, Term
-from octoplan.model.rod.kernels import Intermediates, Kernel
+from octoplan.model.rod.kernels import Intermediates, Kernel, Places
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.nodes import POSE
 from octoplan.model.rod.structure import RodStructure
@@ -108,10 +109,21 @@ def longer() -> Kernel:
     return Kernel("longer", e, {}, -e)
 
 
-def potential_energy(layout: Layout, levers: tuple[int, ...]) -> Equations:
+# Tendon, and the nodes of both ends, of each straight span.
+Spans = tuple[tuple[int, int, int], ...]
+
+
+def span_poses(layout: Layout, spans: Spans) -> Places:
+    """Return the places (14, n) of the poses at both ends of straight spans."""
+    _, first, last = np.array(spans, np.int64).reshape(-1, 3).T
+    return np.vstack([layout.nodes[first].T, layout.nodes[last].T])
+
+
+def potential_energy(layout: Layout, levers: tuple[int, ...], spans: Spans) -> Equations:
     """Return the energy as a function of the states and the elongations of the tendons.
 
-    `levers` are the nodes at which dead forces act off the midline.
+    `levers` are the nodes at which dead forces act off the midline; `spans` belong to the tendons
+    that run straight between guides.
     """
     law = layout.structure.law
     assert isinstance(law, EnergySection)
@@ -121,6 +133,7 @@ def potential_energy(layout: Layout, levers: tuple[int, ...]) -> Equations:
     terms = [
         (body_energy(law), v),
         (cached(tendon_length, law), v[:, layout.crossings[0]]),
+        (cached(chord_energy), span_poses(layout, spans)),
         (dead_loads(law, layout.structure.stages), np.vstack([nodes[:-1, :4].T, layout.inside])),
         (off_midline(), nodes[list(levers), :4].T),
         (stretched(), n + np.arange(layout.n_tendons)[None]),
@@ -129,7 +142,7 @@ def potential_energy(layout: Layout, levers: tuple[int, ...]) -> Equations:
     return Equations(n + layout.n_tendons, 1, row)
 
 
-def held_rows(layout: Layout, obstacles: int) -> Equations:
+def held_rows(layout: Layout, obstacles: int, spans: Spans) -> Equations:
     """Return the rows: poses at the ends of elements, lengths of tendons, gaps at nodes."""
     law = layout.structure.law
     nodes = layout.nodes
@@ -145,6 +158,7 @@ def held_rows(layout: Layout, obstacles: int) -> Equations:
     terms = [
         Term(kinematics(law, layout.structure.stages), places, poses),
         Term(cached(tendon_length, law), layout.stages.T[:, stage], lengths[:, tendon]),
+        Term(cached(chord_length), span_poses(layout, spans), lengths[:, [j for j, _, _ in spans]]),
         Term(longer(), n + tendons, lengths),
         Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
     ]

@@ -32,10 +32,16 @@ import numpy as np
 from octoplan.model.cross_section.energy import EnergySection, ExactSection
 from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.cross_section.sections import reported, strains_of
-from octoplan.model.extensions.lengths.energy import held_rows, potential_energy
+from octoplan.model.extensions.guides import GuideTerm
+from octoplan.model.extensions.lengths.energy import Spans, held_rows, potential_energy
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.extensions.obstacles.base import convex_parameters
-from octoplan.model.loads import dead_resultant, has_complementarity, is_conservative
+from octoplan.model.loads import (
+    dead_resultant,
+    has_complementarity,
+    is_conservative,
+    rod_terms,
+)
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -74,6 +80,11 @@ _IPOPT: dict[str, Any] = {
 _REPRESENTED = (CouplingTerm, DeadLineTerm, DeadTipTerm, PointForceTerm, WeightTerm)
 # Largest number of updates of the nonconservative forces.
 ROUNDS = 12
+# Curvature of the initial guess of an arm with guides, times the arm's length [rad].
+_IMPERFECTION = 1e-3
+# Change of a frame's quaternion up to which a disturbed arm has returned, if all forces have a
+# potential: disturbances turn frames by up to 1e-3 / 7.
+_RETURNED = 1e-5
 # Change of a frame's quaternion at which the updates end.
 _STAYS = 1e-3
 
@@ -129,6 +140,11 @@ class LeastEnergy:
         levers = [each for each in levers if each.offset]
         self._lever_nodes = tuple(node for each in levers for node in each.nodes(mesh))
         self._bodies, contact_terms = _contacts(scene)
+        guides = [each for each in rod_terms(arm, scene) if isinstance(each, GuideTerm)]
+        self._spans: Spans = sum((each.span_nodes(mesh) for each in guides), ())
+        self._span_offsets = np.hstack(
+            [np.zeros((4, 0)), *(each.offsets(arm) / L for each in guides)]
+        )
         kinds = _REPRESENTED + contact_terms
         represented = all(isinstance(each, kinds) for each in scene.rod_terms)
         self.conservative = law == structure.law and is_conservative(scene) and represented
@@ -153,14 +169,41 @@ class LeastEnergy:
         self._levers = rows.T / np.repeat([L, F], 3)[:, None]
 
     def at_rest(self) -> Minimum:
-        """Return the arm without tensions and loads, as initial guess."""
+        """Return the arm without tensions and loads, as initial guess.
+
+        Arms with guides are bent slightly; see `disturbed`.
+        """
         law = self.layout.structure.law
         v = np.zeros(self.layout.stages.shape)
         i = 2 + law.torsion
         v[:, i : i + 1] = law.along_at_rest
         if law.curved:
             v[:, i - 2 : i] = self._body[-2:].T / self.system.arm.length
+        if self._spans:
+            v = self._disturbed(v)
         return self._at(v, np.zeros(self.layout.n_tendons))
+
+    def _disturbed(self, v: Array) -> Array:
+        """Return strains of the energy's law with small further curvatures.
+
+        At a straight span the gradient of the energy has no component along its buckling mode:
+        without disturbance the minimisation may end at a saddle point.
+        """
+        L = self.system.arm.length
+        i = 2 + self.layout.structure.law.torsion
+        bent = v.copy()
+        bent[:, i - 2 : i] += _IMPERFECTION / L * np.cos(np.outer(self.system.s / L, (9.0, 7.0)))
+        return bent
+
+    def is_minimum(self, tensions: Array, strains: Array, winches: Winches) -> bool:
+        """Return whether the minimisation returns to an equilibrium after a small disturbance."""
+        there = self.near(tensions, strains)
+        v = self._states(there)[self.layout.stages]
+        after = self.minimise(self._at(self._disturbed(v), tensions), winches.tensions, 1, winches)
+        if after is None:
+            return False
+        moved = np.abs(self.nodes(after)[:, :4] - self.nodes(there)[:, :4]).max()
+        return bool(moved < (_RETURNED if self.conservative else 10 * _STAYS))
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
         """Return the initial guess for strains of the equations' law (N stages, strains)."""
@@ -251,11 +294,13 @@ class LeastEnergy:
         energy = [
             np.vstack([self._weights, self._body, forces]),
             np.vstack([self._paths, self._weights[self._stage] * tensions[self._tendon] / F]),
+            np.vstack([self._span_offsets, tensions[[j for j, _, _ in self._spans]] / F]),
             np.vstack([self._h, load * self._dead]),
             self._levers * np.repeat([1.0, load], 3)[:, None],
             np.divide(1.0, stretch, out=np.zeros(nT), where=held),
         ]
-        rows = [self._h, np.vstack([self._paths, self._weights[self._stage]])]
+        paths = np.vstack([self._paths, self._weights[self._stage]])
+        rows = [self._h, paths, self._span_offsets]
         if K:
             bodies = np.tile(self._bodies.T, of.elements)
             radii = np.repeat(self.system.outer_radii(self.strains(near)) / L, K)
@@ -264,7 +309,7 @@ class LeastEnergy:
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
         low[n:], high[n:] = np.where(held, -inf, 0.0), np.where(held, inf, 0.0)
         lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
-        gaps, solver = np.zeros(of.elements * K), _solver(of, K, self._lever_nodes)
+        gaps, solver = np.zeros(of.elements * K), _solver(of, K, self._lever_nodes, self._spans)
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
         g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
         p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
@@ -282,12 +327,12 @@ class LeastEnergy:
 
 
 @lru_cache(maxsize=32)
-def _solver(of: Layout, obstacles: int, levers: tuple[int, ...]) -> BufferedFunction:
+def _solver(of: Layout, obstacles: int, levers: tuple[int, ...], spans: Spans) -> BufferedFunction:
     """Return ipopt for a structure, with arguments x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0.
 
     The parameters p belong to the energy and to the constraints.
     """
-    f, g = potential_energy(of, levers), held_rows(of, obstacles)
+    f, g = potential_energy(of, levers, spans), held_rows(of, obstacles, spans)
     z, p, lam = (
         ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
     )

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.extensions.lengths.by_lengths import GivenLengths
-from octoplan.model.extensions.lengths.shortest import crushing_lengths
+from octoplan.model.extensions.lengths.least_energy import LeastEnergy
+from octoplan.model.extensions.lengths.shortest import buckling_lengths, crushing_lengths
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import ForwardMap, ForwardMaps
@@ -38,7 +39,20 @@ def settle_lengths(
         check_stretch(end)
     except (CollapsedError, UnsettledSectionError) as reason:
         raise crushing_lengths(problem.arm, winches, reason) from None
+    if problem.arm.is_guided and isinstance(end, Equilibrium):
+        _check_spans(end, winches)
     return replace(shape, equilibrium=end, winches=winches)
+
+
+def _check_spans(end: Equilibrium, winches: Winches) -> None:
+    """Raise InputError if an arm with guides is at a saddle point of its energy.
+
+    Held lengths keep an arm with continuous guides from buckling, but not its spans between guides.
+    """
+    system = end.system
+    strains = end.states[system.layout.stages]
+    if not LeastEnergy(system).is_minimum(end.tensions, strains, winches):
+        raise buckling_lengths(system.arm, winches)
 
 
 def _checked_winches(problem: SettlingProblem) -> Winches:
@@ -48,9 +62,6 @@ def _checked_winches(problem: SettlingProblem) -> Winches:
     if is_path_dependent(problem.scene):
         allowed = "tensions in a scene whose contacts have friction"
         raise InputError("lengths", "given with friction of contacts", allowed)
-    if problem.arm.is_guided:
-        allowed = "tensions of an arm whose tendons run straight between guides"
-        raise InputError("lengths", "given with Anchorage.guides", allowed)
     winches = Winches.of(
         problem.arm,
         problem.tensions,

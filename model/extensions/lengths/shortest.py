@@ -31,10 +31,19 @@ _MOST = 0.1
 
 def no_shape(arm: Arm, winches: Winches) -> InputError:
     """Return the error if no shape is found; it names the tendon with the largest stroke."""
+    return _too_short(arm, winches, "no shape of the arm is found that has these")
+
+
+def buckling_lengths(arm: Arm, winches: Winches) -> InputError:
+    """Return the error if a span buckles; it names the tendon with the largest stroke."""
+    return _too_short(arm, winches, "with these, the arm buckles between its guides")
+
+
+def _too_short(arm: Arm, winches: Winches, reason: str) -> InputError:
     rest = rest_lengths(arm)
     j = int(np.argmax(np.where(winches.held, (rest - winches.lengths) / rest, -np.inf)))
-    message = "more, beside the other lengths: no shape of the arm is found that has these"
-    return InputError(_name(arm, j), float(winches.lengths[j]), message)
+    allowed = f"more, beside the other lengths: {reason}"
+    return InputError(_name(arm, j), float(winches.lengths[j]), allowed)
 
 
 def refuse(program: LeastEnergy, winches: Winches) -> None:

@@ -36,6 +36,7 @@ from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan
 from octoplan.planner.frontends.bodies.mjcf import mjcf
 from octoplan.planner.frontends.bodies.surface import along, tendon_lines
+from octoplan.planner.limits import Limits
 from octoplan.planner.plan import plan
 from octoplan.planner.targets import TipPosition
 
@@ -211,6 +212,40 @@ def test_friction_at_discs_follows_the_capstan_law(deviation: Callable[..., floa
     assert spans[2] < 0.98 * spans[0]
 
 
+@pytest.mark.parametrize("mu", [0.0, 0.15])
+def test_lengths_give_the_shape_of_least_energy(mu: float) -> None:
+    """The lengths are those of the energy model; the third tendon is slack by 1 mm."""
+    T = np.array([2.0, 0.5, 0.0])
+    tip, lengths, _ = Discs(_evenly(3), T.tolist(), mu=mu).settled()
+    scene = Scene(*EXACT.effects, Friction(mu)) if mu else EXACT
+    shape = settle(_evenly(3), lengths=lengths + 1e-3 * (T == 0), scene=scene, accuracy=1e-7)
+    assert np.abs(shape.tip - tip).max() < 2e-7 * L
+    assert np.allclose(shape.tensions, T, rtol=0, atol=1e-6)
+    assert np.ravel(shape.slack).tolist() == [False, False, True]
+
+
+def test_equal_lengths_shorten_the_arm_below_the_load_of_its_spans() -> None:
+    """Spans of L / 3 bear pi^2 EJ / (L / 3)^2; equal pulls below shorten the arm by P L / EA."""
+    area = np.pi * (8e-4) ** 2
+    euler = np.pi**2 * E * area * (8e-4) ** 2 / 4 / (L / 3) ** 2
+    short = 0.7 * euler * L / (E * area)
+    shape = settle(_evenly(3), lengths=[L - short] * 3, scene=EXACT)
+    assert shape.tensions.sum() == pytest.approx(0.7 * euler, rel=1e-6)
+
+
+def test_plan_with_discs_keeps_its_strokes() -> None:
+    free = settle(_evenly(3), [2.0, 0.5, 0.3], EXACT, 1e-8)
+    strokes = rest_lengths(_evenly(3)) - free.tendon_lengths
+    found = plan(
+        _evenly(3),
+        TipPosition(tuple(free.tip)),
+        EXACT,
+        limits=Limits(tension_max=12.0, stroke_max=1.001 * float(strokes.max())),
+    )
+    assert found.certificate.passed, found.outcome
+    assert found.strokes.max() <= 1.001 * strokes.max() * (1 + 1e-9)
+
+
 def test_plan_with_friction_at_discs_is_certified() -> None:
     scene = Scene(*EXACT.effects, Friction(0.1))
     tip = settle(_evenly(3), [2.0, 0.5, 0.0], scene, 1e-8).tip
@@ -273,12 +308,12 @@ def test_compliance_with_discs_is_that_of_differences() -> None:
     assert result.stable
     step = 1e-3
     tips = [
-        settle(_arm(), T, Scene(*EXACT.effects, TipLoad((0.0, x, 0.0))), 1e-10).tip
+        settle(_arm(), T, Scene(*EXACT.effects, TipLoad((0.0, x, 0.0))), 1e-8).tip
         for x in (step, -step)
     ]
     column = (tips[0] - tips[1]) / (2 * step)
     assert np.allclose(result.compliance[:3, 1], column, rtol=0, atol=1e-5 * np.abs(column).max())
-    pulled = [settle(_arm(), [6.0 + x, *T[1:]], EXACT, 1e-10) for x in (1e-3, -1e-3)]
+    pulled = [settle(_arm(), [6.0 + x, *T[1:]], EXACT, 1e-8) for x in (1e-3, -1e-3)]
     change = (pulled[0].tendon_lengths - pulled[1].tendon_lengths) / 2e-3
     assert np.allclose(
         result.length_tension[:, 0], change, rtol=0, atol=1e-5 * np.abs(change).max()
@@ -370,7 +405,10 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: settle(_arm(), [0.0] * 5, Scene(Contact(Sphere((1, 1, 1), 0.1)))),
         "guides",
     ),
-    "lengths": (lambda: settle(_evenly(3), lengths=[L] * 3, scene=EXACT), "lengths"),
+    "lengths that buckle spans": (
+        lambda: settle(_evenly(3), lengths=[0.2999] * 3, scene=EXACT),
+        "between its guides",
+    ),
 }
 
 
