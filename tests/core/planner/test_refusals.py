@@ -16,9 +16,9 @@ from octoplan.model import Arm, Scene
 from octoplan.model.effects import Extension, Weight
 from octoplan.planner import export, load_plan, plan, plan_many, trajectory
 from octoplan.planner.frontends.live.handles import handle_of
+from octoplan.planner.frontends.plots.ellipsoids import plot_ellipsoids
 from octoplan.planner.frontends.plots.motion import plot_motion, save_motion
 from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains, save
-from octoplan.planner.frontends.plots.results import plot_ellipsoids
 from octoplan.planner.limits import Limits
 from octoplan.planner.targets import (
     Backbone,
