@@ -34,7 +34,7 @@ from octoplan.model.effects import ExactTendons, Extension, NeoHookean
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import Hold
 from octoplan.planner import Plan, plan, stiffness
-from octoplan.planner.frontends.plots.results import plot_ellipsoids
+from octoplan.planner.frontends.plots.ellipsoids import plot_ellipsoids
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets import (
     Bend,
