@@ -220,8 +220,11 @@ def accuracy_study(
     steps = sorted({checked_accuracy(each) for each in accuracies}, reverse=True)
     shape, reference = reference_shape(arm, tensions, scene)
     tip, scheme = verified_tip(shape, reference)
-    calls = list(product(("settling", "planning")[: 1 + planning], steps))
     goal = TipPosition(tuple(map(float, tip))) if target is None else target
+    planned = partial(plan, arm, goal, scene, tension_max, compile=compile, **options)
+    unreachable = _missed(planned) if planning else ""
+    is_planned = planning and not unreachable
+    calls = list(product(("settling", "planning")[: 1 + is_planned], steps))
     points: dict[str, list[AccuracyPoint]] = {"settling": [], "planning": []}
     for name, accuracy in track("accuracies measured", calls):
         if name == "settling":
@@ -237,20 +240,13 @@ def accuracy_study(
             points[name].append(
                 _measured(
                     accuracy,
-                    partial(
-                        plan,
-                        arm,
-                        goal,
-                        scene,
-                        tension_max,
-                        accuracy=accuracy,
-                        compile=compile,
-                        **options,
-                    ),
+                    partial(planned, accuracy=accuracy),
                     lambda found: _plan_error(found, reference),
                     repeats=1,
                 )
             )
+    if unreachable:
+        points["planning"] = [AccuracyPoint(a, math.nan, math.nan, unreachable) for a in steps]
     return AccuracyStudy(
         shape.arm,
         shape.scene,
@@ -259,6 +255,21 @@ def accuracy_study(
         reference=reference,
         reference_scheme=scheme,
     )
+
+
+def _missed(planned: Callable[[], Plan]) -> str:
+    """Return the outcome of a plan whose target is out of reach; "" for other plans.
+
+    At accuracies coarser than the distance such a target counts as reached, which says nothing
+    about the cost of accuracy.
+    """
+    try:
+        found = planned()
+    except InputError:
+        raise
+    except OctoplanError:
+        return ""
+    return found.outcome if found.mode == "nearest" and not found.reached else ""
 
 
 def _measured(

@@ -81,6 +81,14 @@ def test_an_unreachable_target_is_a_problem_of_planning_alone() -> None:
     assert "planning failed" in study.problems[0]
 
 
+def test_a_target_just_out_of_reach_is_not_planned_coarsely() -> None:
+    """A miss of 0.6 % of the length counted as reached at 1e-2, and 1e-2 was recommended."""
+    beyond = TipPosition((1.006 * ARM.length, 0.0, 0.0))
+    study = accuracy_study(ARM, Scene(), T, beyond, 20.0, accuracies=[1e-2, 1e-4], repeats=1)
+    assert study.recommended == 1e-4
+    assert all(point.problem for point in study.planning)
+
+
 @pytest.mark.parametrize(("field", "value"), [("repeats", 0), ("accuracies", [])])
 def test_bad_arguments_are_named(field: str, value: object) -> None:
     with pytest.raises(InputError, match=field):

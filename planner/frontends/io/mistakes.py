@@ -121,7 +121,9 @@ def shown(value: Any) -> str:
 def _words(kind: inspect.Type, value: Any) -> str:
     """Return a description of a type, with the bounds that a value violates."""
     if isinstance(kind, inspect.StructType):
-        return f"a table {{ ... }} of the keys {', '.join(keys_in(kind))}"
+        needs_none = not any(item.required for item in kind.fields)
+        example = "{} for the defaults, or a table" if needs_none else "a table { ... }"
+        return f"{example} of the keys {', '.join(keys_in(kind))}"
     if isinstance(kind, inspect.TupleType):
         return f"a list of {len(kind.item_types)}"
     least = getattr(kind, "min_length", None) or 0
