@@ -152,7 +152,7 @@ FILES: dict[str, tuple[str, str]] = {
     "an effect by another name": (ARM + "[effects]\ngravity = true", "shear, tip_load, weight"),
     "a switch in place of a table": (
         ARM + "[effects]\nweight = true",
-        "effects.weight = true: must be a table { ... } of the keys g",
+        "effects.weight = true: must be {} for the defaults, or a table of the keys g",
     ),
     "a list of effects": (ARM + "[effects]\n" + "[[effects.weight]]", "effects.weight = [{}]"),
     "an unknown norm": ("norm = 3\n" + ARM, "norm = 3: must be one of 1, 2, inf"),
