@@ -323,3 +323,16 @@ def test_dead_loads_stay_in_space() -> None:
     assert p.reached and p.certificate.optimal
     tip = settle(moved(ARM, *p.base), p.tensions, scene, 1e-8).tip
     assert np.linalg.norm(tip - TARGET.position) < 1e-6 * ARM.length
+
+
+@pytest.mark.slow
+def test_a_full_turn_has_no_end_that_holds() -> None:
+    """The best rotation is near 2 pi, the guess without weight near 0."""
+    soft = replace(CATHETER, material=Material(E=6e6, nu=0.45, density=1100.0))
+    scene = Scene(Extension(), Weight())
+    for rotation in (0.3, 5.98):
+        known = settle(moved(soft, 0.02, rotation), [0.084], scene)
+        joints = BaseJoints(insertion=(0.0, 0.05), rotation=(0.0, 2 * np.pi))
+        p = plan(soft, TipPosition(tuple(known.tip)), scene, 3.0, base=joints)
+        assert p.reached
+        assert p.base.rotation == pytest.approx(rotation, abs=1e-4)

@@ -38,6 +38,9 @@ _SQUEEZED = 0.1
 _APART = 0.3
 # Factor of the tensions of a guess without loads for the guess of an arm under loads [-].
 _STRONGER = 3.0
+# Distance beyond a limit of the rotation up to which a guess a turn away counts as near [rad]. Loads
+# turn the arm further, up to a quarter of a turn.
+_NEAR_END = 0.5
 # Number of guesses after which stronger ones follow under loads.
 _FIRST = 3
 
@@ -56,6 +59,7 @@ def guesses(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterat
     loaded = is_loaded(task.arm, task.scene)
     for k, controls in enumerate(_fitted(task, base, missed)):
         yield controls
+        yield from _turned(controls, base, np.pi / 2 if loaded else _NEAR_END)
         if k == _FIRST and task.target_set.conditions >= POINT:
             yield at_rest
         if k >= _FIRST and loaded:
@@ -63,8 +67,21 @@ def guesses(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterat
             yield np.append(stronger, controls[n:])
 
 
+def _turned(controls: Array, base: JointPlacement, near: float) -> Iterator[Array]:
+    """Yield the controls with about the same direction of the base a turn away, within limits.
+
+    A range of a turn ends where it begins: an optimum may be near the other end. Rotations up to
+    `near` [rad] beyond the limits count.
+    """
+    low, high = (each.rotation for each in base.joints.limits)
+    for turn in (-2 * np.pi, 2 * np.pi):
+        rotation = controls[-1] + turn
+        if low - near <= rotation <= high + near:
+            yield np.append(controls[:-1], np.clip(rotation, low, high))
+
+
 def _fitted(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterator[Array]:
-    """Yield distinct fits of tensions and joint values (n_tendons + 2,)."""
+    """Yield distinct fits of tensions and joint values (n_tendons + 2,), then the nearest draws."""
     bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
     unit, residuals = tension_scales(task.arm, task.allowed).max(), residuals_of(task)
     weight = 0.0 if missed or task.target_set.terms.names[1] else _EFFORT
@@ -87,10 +104,11 @@ def _fitted(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterat
     points = np.hstack([joints / scales, drawn])
     off = np.linalg.norm(gaps(points), axis=1)
     points = points[np.argsort(off, kind="stable")[:_FITTED]]
+    nearest = np.hstack(controls(points))
     if task.scene.has(Extension):
         points = np.hstack([points, np.full((len(points), bends.width // 2), _SQUEEZED)])
     points, r = least_squares(gaps, points)
     order = np.argsort(np.linalg.norm(r, axis=1), kind="stable")
-    found = np.hstack(controls(points[order]))
+    found = np.vstack([np.hstack(controls(points[order])), nearest])
     units = np.append(np.full(task.arm.n_tendons, unit), scales)
     yield from distinct(found, units, _APART)
