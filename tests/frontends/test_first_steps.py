@@ -109,6 +109,11 @@ def test_the_documentation_includes_the_exit_codes_of_the_help() -> None:
     assert "141" not in page
 
 
+def test_the_documentation_describes_every_command() -> None:
+    page = (DOCS / "command_line.rst").read_text()
+    assert set(re.findall(r"^``octoplan (\w+)`` ", page, re.MULTILINE)) == {*COMMANDS}
+
+
 def test_the_help_lists_the_exit_codes_of_all_errors() -> None:
     listed = set(map(int, re.findall(r"\b\d+\b", EXIT_CODES)))
     assert listed == {0, 130, 143, *(code for _, code in _CODES)}
