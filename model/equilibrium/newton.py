@@ -44,8 +44,8 @@ MAX_STEP_ROTATION = MAX_BRANCH_ROTATION / 2
 CHORD_RADIUS = 0.02
 # Largest ratio of a later step to the last step for which the factorisation is reused.
 CHORD_RATE = 0.1
-# Share of a step that does not contract at a kink of the equations, such as from stick to slip.
-KINK_DAMPING = 0.5
+# Shares of a step that does not contract at a kink of the equations, such as from stick to slip.
+KINK_SHARES = (1.0, 0.5, 0.25, 0.125)
 
 
 class Start(NamedTuple):
@@ -187,7 +187,9 @@ class _Iteration:
         tolerance = CHORD_STEP_TOL if reuses_factor else STEP_TOL
         tolerance *= self.start.tolerance_factor
         self.linearised_at = point.linearised_at or point
-        share = KINK_DAMPING if self.is_nonsmooth and not self.contracts(size) else 1.0
+        share = 1.0
+        if self.is_nonsmooth and self.last_size and size > CONTRACTION * self.last_size:
+            share = self._share_at_kink(point, step)
         share = min(share, self.max_rotation / max(rotation, self.max_rotation))
         self.x[-step.size :] += share * step
         # The next step would be about size^2 / last_size. Squares of diverged steps overflow.
@@ -202,6 +204,27 @@ class _Iteration:
         if self.is_nonsmooth or size > largest:
             self.linearised_at = None
         self.last_size = size
+
+    def _share_at_kink(self, point: Equilibrium, step: Array) -> float:
+        """Return the share of a step after which the next step is shortest.
+
+        The next step is estimated with the same factorisation. Without this, steps cycle between
+        the pieces of the equations. Source: the natural monotonicity test of Deuflhard, Newton
+        Methods for Nonlinear Problems (2004), section 3.3.
+        """
+        system = point.system
+        n_before = system.layout.n_before_states
+
+        def size_after(share: float) -> float:
+            x = self.x.copy()
+            x[n_before:] += share * step
+            residual = system.residual(x)
+            if not np.isfinite(residual).all():
+                return math.inf
+            next_step = -point.solve(residual)[None]
+            return step_sizes(system, next_step, x[None, n_before:] + next_step)[1][0]
+
+        return min(KINK_SHARES, key=size_after)
 
     def _equilibrium(self, system: DiscreteRod) -> Equilibrium:
         """Return the equilibrium at the current iterate.

@@ -41,20 +41,25 @@ from octoplan.model.support.machine.functions import cached
 # Flags of a node, 1 or 0: a force closes the gap, there is pressure, the node is a contact point
 # that moves along the arm, the element beyond is conforming.
 FLAGS = slice(SIZE + 3, SIZE + 7)
+FRICTION = SIZE + 7
 BEFORE = slice(SIZE + 9, SIZE + 12)
 PRESSURE = SIZE + 2
 # Smallest h gap'': below it a contact point moves towards smaller gaps as if gap'' were 1 / h.
 _FLAT = 1e-6
+# Largest ratio of the pressures of an end of a part and of its neighbour, for friction: neighbours
+# of iterates may be without pressure.
+_STEEPEST = 4.0
 
 
-def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
+def touch(law: CrossSection, m: int, friction: bool = False, conforming: bool = False) -> Kernel:
     """Return the kernel of a node that may touch an obstacle, and slip along it with friction.
 
-    Unknowns: the strains of the element before, q, u, P, p or x; with friction also p and the
-    traction tau of the node before and of the node beyond, the friction Q, and tau. Tractions are
-    components in the frames of the arm. Rows: shares of M and F, and the residuals of P, p or x, Q
-    and tau. A node with a force and pressure is an end of a conforming part. Its traction is the
-    traction of the neighbour inside the part, in proportion to the pressure.
+    Unknowns: the strains of the element before, q, u, P, p or x; with friction the friction Q; if
+    parts conform, also p and the traction of the node before and of the node beyond, before Q, and
+    the traction tau. Tractions are components in the frames of the arm. Rows: shares of M and F,
+    and the residuals of P, p or x, Q and tau. A node with a force and pressure is an end of a
+    conforming part. Its traction is the traction of the neighbour inside the part, in proportion to
+    the pressure.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", SIZE + 7 + 5 * friction)
@@ -74,21 +79,26 @@ def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
         by_pressure + moves * (gap1 + curve * p) + (1 - pressing - moves) * p,
     ]
     if friction:
-        near, Q, tau = ca.SX.sym("near", 4, 2), ca.SX.sym("Q", 3), ca.SX.sym("tau", 3)
+        Q = ca.SX.sym("Q", 3)
         mu, r, before = ca.vertsplit(c[SIZE + 7 :], [0, 1, 2, 5])
-        frame, slip, around = unit_matrix(q), u - before, ca.horzsplit(near[0, :])
+        slip = u - before
 
         def within(w: ca.SX, pressed: ca.SX) -> ca.SX:
             w -= turned * ca.dot(turned, w)
             most, result = mu * ca.fmax(pressed, 0), norm(w)
             return ca.if_else(result > most, most / result, 1) * w
 
-        traction = (1 - held) * pressing * (frame.T @ within(frame @ tau - r / h * slip, p))
-        ends = zip((1 - lies, lies), around, ca.horzsplit(near[1:, :]), strict=True)
-        for side, pressed, rubs in ends:
-            traction += held * pressing * side * p / ca.fmax(pressed, SMALLEST) * rubs
-        rows += [Q - held * within(Q - r * slip, P), tau - traction]
-        unknowns += [ca.vec(near), Q, tau]
+        rows += [Q - held * within(Q - r * slip, P)]
+        unknowns += [Q]
+        if conforming:
+            frame, near, tau = unit_matrix(q), ca.SX.sym("near", 4, 2), ca.SX.sym("tau", 3)
+            traction = (1 - held) * pressing * (frame.T @ within(frame @ tau - r / h * slip, p))
+            for side, beside in zip((1 - lies, lies), ca.horzsplit(near), strict=True):
+                pressed = ca.fmax(ca.fmax(beside[0], p / _STEEPEST), SMALLEST)
+                traction += held * pressing * side * ca.fmax(p, 0) / pressed * beside[1:]
+            rows += [tau - traction]
+            unknowns += [tau]
+            unknowns.insert(-2, ca.vec(near))
         force, lever = force + Q, lever + Q
     rows = [-shift * ca.cross(along, lever), -force, *rows]
     return Kernel("touch", ca.vertcat(*unknowns), {"values": c}, ca.vertcat(*rows))

@@ -122,7 +122,7 @@ def sharpened(
         x = near.system.x(request.tensions, request.load, predict_states(near, request.tensions))
         places = _correct_places(request, Equilibrium(near.system, x), places_of(near.system))
     for _ in range(MAX_STEPS_IN_CONTACT):
-        point = _with_places(request, near, places)
+        point = at_places(request, near, places)
         if point is None:
             return None
         refined = _correct_places(request, point, places)
@@ -159,7 +159,7 @@ def _extrapolated(refined: Places, shift: Array, before: Array | None, most: flo
     )
 
 
-def _with_places(of: Request, near: Equilibrium, places: Places) -> Equilibrium | None:
+def at_places(of: Request, near: Equilibrium, places: Places) -> Equilibrium | None:
     """Return the equilibrium that touches at given places, near another one."""
     system = of.on(places)
     if system is None:
@@ -214,11 +214,12 @@ def _initial_states(
     carried = system.initial_states(
         of.tensions, strains, of.load, (now.touches[1:, :, 0], pressed[1:])
     )
-    if now.tractions.size and were.tractions.size:
+    if now.friction_forces.size and were.friction_forces.size:
         at, held, pressing = apart.argmin(axis=0), touches.held, touches.pressing
         carried[now.touches] = states[were.touches[at]] * np.stack([held, pressing], axis=2)
         carried[now.friction_forces] = states[were.friction_forces[at]] * held[:, :, None]
-        carried[now.tractions] = states[were.tractions[at]] * pressing[:, :, None]
+        if now.tractions.size and were.tractions.size:
+            carried[now.tractions] = states[were.tractions[at]] * pressing[:, :, None]
     return carried
 
 

@@ -39,7 +39,7 @@ class ContactPlaces(NamedTuple):
     touches : (N + 1, K, 2)
         The two unknowns of each contact; see octoplan.model.extensions.contact.kernels.
     friction_forces, tractions : (N + 1, K, 3)
-        Friction of each contact, and friction per length; (N + 1, 0, 3) without friction.
+        Friction of each contact, and friction per length; (N + 1, 0, 3) if they are no unknowns.
     """
 
     touches: NDArray[Any]
@@ -50,9 +50,14 @@ class ContactPlaces(NamedTuple):
 def split_variables(variables: NDArray[Any], K: int) -> ContactPlaces:
     """Return the parts of node variables (..., n) of K obstacles."""
     shape = variables.shape[:-1]
-    rest = variables[..., 2 * K :].reshape(*shape, -1, 6)
     touches = variables[..., : 2 * K].reshape(*shape, K, 2)
-    return ContactPlaces(touches, rest[..., :3], rest[..., 3:])
+    rest = variables[..., 2 * K :]
+    if rest.shape[-1] == 3 * K:
+        return ContactPlaces(
+            touches, rest.reshape(*shape, K, 3), rest[..., :0].reshape(*shape, 0, 3)
+        )
+    both = rest.reshape(*shape, -1, 6)
+    return ContactPlaces(touches, both[..., :3], both[..., 3:])
 
 
 def contact_term(layout: Layout) -> ContactTerm | None:
@@ -107,8 +112,8 @@ class ContactTerm(RodTerm):
 
     @property
     def n_node_variables(self) -> int:
-        """Two variables of each obstacle, and six with friction."""
-        return (2 + 6 * self.has_friction) * self.count
+        """Two variables of each obstacle; with friction three, and three if a part conforms."""
+        return (2 + 3 * self.has_friction * (1 + self.pressed)) * self.count
 
     @property
     def is_nonsmooth(self) -> bool:
@@ -141,14 +146,16 @@ class ContactTerm(RodTerm):
         unknowns = [inside, poses, here]
         rows = [wrench, here]
         if self.has_friction:
-            # No conforming part begins at the tip, so that values beyond it do not matter.
-            beyond = [*range(2, N + 1), -2]
-            rubbed = np.concatenate([touches[:, :, 1:], tractions], axis=2)
-            near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2).reshape(-1, 8)
-            friction = places.variables[1:, 2 * K :].reshape(-1, 6)
-            unknowns += [near, friction]
+            friction = places.variables[1:, 2 * K :].reshape(N * K, -1)
             rows += [friction]
-        kernel = cached(touch, law, m, self.has_friction)
+            if self.pressed:
+                # No conforming part begins at the tip, so that values beyond it do not matter.
+                beyond = [*range(2, N + 1), -2]
+                rubbed = np.concatenate([touches[:, :, 1:], tractions], axis=2)
+                near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2)
+                unknowns += [near.reshape(-1, 8)]
+            unknowns += [friction]
+        kernel = cached(touch, law, m, self.has_friction, self.pressed)
         return [Term(kernel, places.n_before_states + np.hstack(unknowns).T, np.hstack(rows).T)]
 
     def element_kernels(self, places: RodPlaces) -> list[Term]:
@@ -190,7 +197,7 @@ class ContactTerm(RodTerm):
         change = split_variables(steps, self.count)
         every = (1, 2, 3)
         h = float(np.diff(mesh.s).mean())
-        tractions = h * np.abs(change.tractions).max(axis=every)
+        tractions = h * np.abs(change.tractions).max(axis=every, initial=0.0)
         frictions = np.maximum(np.abs(change.friction_forces).max(axis=every), tractions)
         forces = np.abs(split_variables(states, self.count).touches[..., 0]).max(axis=(1, 2))
         return np.asarray(frictions / np.maximum(forces, _FORCE_ROUNDING) * _FRICTION_WEIGHT)

@@ -134,8 +134,10 @@ def frictions(system: DiscreteRod, states: Array) -> Array:
     """
     places = contact_places(system.layout)
     touches = ContactFlags.of(system)
-    if not places.tractions.size:
+    if not places.friction_forces.size:
         return np.zeros((*places.touches.shape[:2], 3))
+    if not places.tractions.size:
+        return np.asarray(states[places.friction_forces])
     p = second(system, states) * touches.pressing
     spread = resultants(system, states) - forces(system, states) * touches.held
     length = np.divide(spread, p, out=np.zeros_like(p), where=p > 0)
