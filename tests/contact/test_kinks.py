@@ -6,7 +6,7 @@ from scipy.optimize import minimize_scalar
 
 from octoplan.planner.extensions.contact.grasp import Grasp
 from octoplan.planner.extensions.contact.kinks import Kink, after_step
-from octoplan.planner.extensions.contact.optimum import best_step, conditions
+from octoplan.planner.extensions.contact.optimum import Progress, best_step, conditions
 from octoplan.planner.extensions.contact.program import Constraints
 
 # The constraint T0 = 3 + BELOW max(1 - T1, 0) + above max(T1 - 1, 0) has a kink at T1 = 1.
@@ -94,3 +94,13 @@ def test_a_kink_is_seen_from_the_other_side_after_a_step() -> None:
     assert turned.normal == pytest.approx([0, -1], abs=1e-12)
     assert turned.offset == pytest.approx(0.5, abs=1e-12)
     assert turned.jump == pytest.approx(kink.jump, abs=1e-12)
+
+
+def test_attempts_without_progress_are_counted() -> None:
+    """A guess from which the constraints cannot be met took a hundred steps."""
+    far, near = constraints((1.0, 1.0), 0.5), constraints((1.5, 1.0), 0.5)
+    met, heavy = constraints((3.0, 1.0), 0.5), constraints((3.2, 1.4), 0.5)
+    progress = Progress.begin(far)
+    for at, attempts in ((far, 1), (near, 0), (near, 1), (far, 2), (met, 0), (met, 1), (heavy, 2)):
+        progress = progress.after(at)
+        assert progress.attempts == attempts

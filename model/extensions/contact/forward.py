@@ -15,8 +15,8 @@ from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.effects import bodies_of, contacts, without_friction
 from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
-from octoplan.model.extensions.contact.sharp import Request, sharpened
-from octoplan.model.extensions.contact.touches import places_of
+from octoplan.model.extensions.contact.sharp import Request, at_places, sharpened
+from octoplan.model.extensions.contact.touches import Places, places_of
 from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
 from octoplan.model.mesh import Mesh, graded, landmarks
 from octoplan.model.paths import Array
@@ -127,6 +127,13 @@ class TouchingMap(Collocation):
         Places move on, come and go from those of the other.
         """
         return sharpened(Request(self.system, self._fixed, tensions), at)
+
+    def with_places(self, at: Equilibrium, places: Places) -> Equilibrium | None:
+        """Return the equilibrium that touches at given places near another, for equal tensions.
+
+        None if Newton's method does not converge.
+        """
+        return at_places(Request(self.system, self._fixed, at.tensions), at, places)
 
     def _contact_free(self, tensions: Array) -> ContactEquilibrium:
         """Return the equilibrium of an arm without friction that touches nothing; or InputError."""

@@ -30,11 +30,16 @@ _FIRST_PENALTY = 10.0
 _PENALTIES = (1e-3, 1e5)
 # Violations and steps below this count as 0.
 _NONE = 1e-7
+# Violations below this are on the way along curved constraints.
+_BALANCED = 1e-3
 # First length of a probe for kinks, in units of the tensions that bend the arm by 1 rad, and the
 # largest number of probes.
 _PROBE, _PROBES = 1e-3, 8
 # Penalty over the multipliers for which a violation is no descent.
 _EXACT = 10.0
+# Number of attempts without progress after which the steps end, and the factors of violation and of
+# effort that count as progress: most guesses that do not meet the constraints do not come nearer.
+_ATTEMPTS, _NEARER, _LIGHTER = 15, 0.9, 0.99
 # Number of recent merits; a step may raise the merit up to the largest of these.
 _RECENT = 3
 
@@ -112,12 +117,15 @@ def _iterates(
     """
     natural, n = natural_tensions(program.task.arm) / program.unit, program.n
     radius, penalty, recent = _RADIUS, _FIRST_PENALTY, [at]
-    kinks = Kinks()
+    kinks, progress = Kinks(), Progress.begin(at)
     # The effort's, to be updated to that of the Lagrangian.
     hessian = BFGS("damp_update", init_scale=1.0)
     hessian.initialize(n, "hess")
     for _ in range(_STEPS):
         check_time()
+        progress = progress.after(at)
+        if progress.attempts > _ATTEMPTS:
+            return
         step = best_step(at, kinks, hessian.get_matrix(), radius * natural, penalty)
         penalty = step.penalty
         size = float(np.abs(step.change / natural).max())
@@ -146,6 +154,40 @@ def _iterates(
             penalty = max(penalty / 10, _FIRST_PENALTY)
         at, radius, recent = there, longer, [*recent[1 - _RECENT :], there]
         yield at, None
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The least violation and effort of the attempts so far, up to factors that count.
+
+    Attributes
+    ----------
+    violation, effort : float
+    attempts : int
+        Number of attempts since one of them decreased.
+    """
+
+    violation: float
+    effort: float
+    attempts: int = 0
+
+    @classmethod
+    def begin(cls, at: Constraints) -> Progress:
+        """Return the progress at the start."""
+        return cls(at.violation, float(np.linalg.norm(at.tensions)))
+
+    def after(self, at: Constraints) -> Progress:
+        """Return the progress after an attempt that ends at a point."""
+        effort = float(np.linalg.norm(at.tensions))
+        if at.violation > _BALANCED:
+            is_progress = at.violation < _NEARER * self.violation
+        else:
+            is_progress = self.violation > _BALANCED or effort < _LIGHTER * self.effort
+        return (
+            Progress(at.violation, effort)
+            if is_progress
+            else replace(self, attempts=self.attempts + 1)
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,10 +23,19 @@ import clarabel
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
-from octoplan.model.equilibrium.stability import is_stable, stability
+from octoplan.model.equilibrium.stability import is_stable, stability, stability_slope
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.extensions.contact.touches import ContactFlags, forces, resultants, second
+from octoplan.model.extensions.contact.term import contact_places
+from octoplan.model.extensions.contact.touches import (
+    ContactFlags,
+    Place,
+    Places,
+    forces,
+    places_of,
+    resultants,
+    second,
+)
 from octoplan.model.paths import Array
 from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import SnapError, UnsettledContactError
@@ -313,20 +322,52 @@ class TensionProgram:
         return at
 
     def _margin(self, point: Equilibrium, tensions: Array) -> Array:
-        """Return stability minus its bound, and the derivatives by differences of settled shapes.
+        """Return stability minus its bound, and the derivatives by the scaled tensions.
 
-        Contact points move with the tensions. Far above the bound the values do not matter. Raises
-        SnapError if the arm is unstable.
+        Far above the bound the values do not matter. Raises SnapError if the arm is unstable.
         """
         if is_stable(point, 2 * self.least):
             return np.append(1.0, np.zeros(self.n))
         beyond = stability(point) - self.least
         if beyond < -self.least:
             raise SnapError(1.0, "it is unstable next to another equilibrium")
+        places = places_of(point.system)
+        if any(place.lies for place in places):
+            return np.append(beyond, self._margin_differences(point, tensions))
+        return np.append(beyond, self.unit * self._margin_slope(point, places))
+
+    def _margin_slope(self, point: Equilibrium, places: Places) -> Array:
+        """Return the derivatives of the stability by the tensions (n,) for contact at points.
+
+        On a mesh that is constant, `stability_slope` is exact. The stability also depends on the
+        nodes, which move with the contact points: this part is the difference for each point.
+        """
+        _, slope = stability_slope(point)
+        touches = contact_places(point.system.layout).touches
+        step = _STEP * self.task.arm.length
+        for i, place in enumerate(places):
+            node = point.system.mesh.node(place.start)
+            rate = point.by_tensions[touches[node, place.obstacle, 1]]
+            if not rate.any():
+                continue
+            check_time()
+            ends = list[float]()
+            for s in (place.start + step, place.start - step):
+                moved = (*places[:i], Place(place.obstacle, s, s), *places[i + 1 :])
+                there = self.map.with_places(point, moved)
+                if there is None:
+                    raise UnsettledContactError(1.0, "none is found next to another")
+                # Newton's step is too short to count, but the Jacobian depends on the shift.
+                ends.append(stability(there.relinearised()))
+            slope = slope + (ends[0] - ends[1]) / (2 * step) * rate
+        return slope
+
+    def _margin_differences(self, point: Equilibrium, tensions: Array) -> Array:
+        """Return the derivatives of the stability (n,) by differences of settled shapes."""
 
         def at(step: Array) -> float:
             check_time()
             return stability(self.settled(self.unit * (tensions + step), point))
 
         rates = [(at(step) - at(-step)) / (2 * _CHANGE) for step in _CHANGE * np.eye(self.n)]
-        return np.append(beyond, rates)
+        return np.array(rates)

@@ -44,6 +44,8 @@ FINE = 2 * COARSE
 # Time for shape and certificate, which are more accurate, over the time for one step of the load
 # path in the search. The path itself is not settled again.
 CERTIFICATE_TIME = 4.0
+# Violation on the mesh of plans, over the accuracy, with which targets count as met.
+_MET = 0.5
 # Largest rotation of frames between two meshes for the same equilibrium [rad].
 _SAME = 0.1
 # Numbers of legs of the load paths that are tried if the straight path leads elsewhere. The
@@ -211,9 +213,11 @@ class ContactSearch:
                 there = fine.settled(T, shape.known)
                 if close(there, end.point, _SAME):
                     refined = optimum(fine, there)
-                    if bool(refined.violation) == bool(end.violation):
+                    is_met = refined.violation <= _MET * self.task.accuracy
+                    if is_met != bool(end.violation):
                         reserve(CERTIFICATE_TIME * per_step)
-                        return replace(refined, load_path=way)
+                        violation = 0.0 if is_met else refined.violation
+                        return replace(refined, load_path=way, violation=violation)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
 
