@@ -119,7 +119,7 @@ def test_shapes_by_encoders_have_noise_of_their_own(folder: Path) -> None:
     shapes.write_text("\n".join([header, *rows]))
     path.write_text("length_std_mm = 0.2\ntension_std = 0.05\n" + path.read_text())
     first, second, *_ = load_asked(path)["measured"]
-    assert first.tendon_residuals == ["lengths"]
+    assert first.tendon_residuals == [("lengths", j) for j in range(3)]
     assert second.by_length
     assert second.lengths == (0.2, 0.199, 0.198)
     assert (first.std, first.length_std, first.tension_std) == (5e-4, 2e-4, 0.05)

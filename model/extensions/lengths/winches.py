@@ -17,7 +17,33 @@ from octoplan.model.equilibrium.linearised import Index
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import not_negative
 from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import NotNegative, Tension
+from octoplan.model.support.value import value
 from octoplan.model.tendons import arm_compliance, checked_EA
+
+
+@value
+class WinchSettings:
+    """Zeros of winches, and stretch of their tendons.
+
+    Attributes
+    ----------
+    zero : (n_tendons,)
+        Length of each tendon taken in since the straight arm at rest if the encoder of strokes
+        reads 0 [m]. An encoder of lengths reads too much by as much. Empty for 0.
+    tendon_EA : float or None
+        Axial stiffness E A of the tendons [N]; None for inextensible tendons.
+    outside : float
+        Length of each tendon between winch and base [m].
+    """
+
+    zero: tuple[float, ...] = ()
+    tendon_EA: Tension | None = None
+    outside: NotNegative = 0.0
+
+
+# Winches with zeros of 0 and inextensible tendons.
+PLAIN_WINCHES = WinchSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +86,11 @@ class Winches:
 
         Raises InputError, with the name of the tendon if the error belongs to one.
         """
-        left, held = _split_missing(arm, lengths, "lengths")
+        left, held = split_missing(arm, lengths, "lengths")
         T = np.zeros(arm.n_tendons)
         pulled = np.zeros(arm.n_tendons, dtype=bool)
         if tensions is not None:
-            T, pulled = _split_missing(arm, tensions, "tensions")
+            T, pulled = split_missing(arm, tensions, "tensions")
         for j in np.flatnonzero(held == pulled):
             both = bool(held[j])
             field = f"lengths[{j}] ({arm.tendon_name(int(j))})"
@@ -88,7 +114,7 @@ class Winches:
         return np.asarray(self.lengths + self.stretch * tensions - lengths)
 
 
-def _split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
+def split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
     """Return a value for each tendon, 0 for None and nan, and a mask of the given values."""
     try:
         parts = [np.array(row) for row in values]

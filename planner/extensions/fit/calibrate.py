@@ -3,33 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import get_args
+from operator import attrgetter
+from typing import Any, get_args
 
 import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.lengths.winches import PLAIN_WINCHES, WinchSettings
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, estimate
 from octoplan.model.loads import convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.settle import checked_scene
-from octoplan.model.support.checks import kind
+from octoplan.model.support.checks import kind, not_negative
 from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import OutOfTime, limited, report, with_progress
+from octoplan.model.tendons import checked_EA
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.experiment import CoarseMeshError, Experiment
 from octoplan.planner.extensions.fit.fitted import Start, parameters_of
 from octoplan.planner.extensions.fit.least_squares import Fit, Loss, fit
 from octoplan.planner.extensions.fit.measured import Measured, checked_shapes, crushing_remark
-from octoplan.planner.extensions.fit.residuals import Evaluation, UnsettledShapeError, from_rest
+from octoplan.planner.extensions.fit.orders import (
+    Order,
+    Tendons,
+    common_orders,
+    is_bad,
+    section_orders,
+)
+from octoplan.planner.extensions.fit.residuals import (
+    Evaluation,
+    UnsettledShapeError,
+    from_rest,
+    mean_distance,
+    unreached,
+)
 from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 
 ACCURACY = 1e-5
 # Distance between tips, over the arm's length, above which two shapes are on different branches.
 _ASTRAY = 1e-3
+# Number of fits from different values if the requested ones miss shapes.
+_STARTS = 8
 # Largest number of fits that restart from shapes settled from rest.
 _ROUNDS = 3
 # Change of a measured number from bound to bound of an unknown, over the arm's length, below which
@@ -49,6 +68,8 @@ def calibrate(
     *,
     loss: Loss = "linear",
     absolute_std: bool = False,
+    tendon_EA: float | None = None,
+    tendon_outside: float = 0.0,
     starts: int = 1,
     seed: int = 0,
     accuracy: float = ACCURACY,
@@ -77,9 +98,17 @@ def calibrate(
         unknowns can fit; intervals then follow Student's t distribution. Without surplus data the
         standard deviations apply as given. If none are given either, standard errors are inf, and
         the outcome reports the reason.
+    tendon_EA : float
+        Stiffness E A of tendons with measured lengths or strokes [N]; the default is inextensible
+        tendons. With the unknown "winches.tendon_EA_N", the initial guess; by default the geometric
+        mean of the bounds.
+    tendon_outside : float
+        Length of each tendon between winch and base, which also stretches [m].
     starts : int
         Number of fits. The first one starts at the values of arm and scene, the others at values
-        that are spread evenly over the bounds. The best fit is returned.
+        that are spread evenly over the bounds. The best fit is returned. If shapes are off by a
+        tenth of the arm's length, further fits are started, up to 8 in all. If the fit remains bad,
+        mirrored and shifted orders of the tendons are tried; see Calibration.orders.
     seed : int
         Random seed of the other starts.
     accuracy : float
@@ -112,7 +141,8 @@ def calibrate(
     if not (isinstance(starts, int) and 1 <= starts <= 1000):
         raise InputError("starts", starts, "a whole number from 1 to 1000")
     shapes = checked_shapes(arm, measured)
-    parameters = parameters_of(arm, scene, unknowns, shapes)
+    winches = _checked_winches(tendon_EA, tendon_outside, shapes)
+    parameters = parameters_of(arm, scene, unknowns, shapes, winches)
     data = sum(shape.size for shape in shapes)
     free = sum(unknown.prior is None for unknown in parameters.unknowns)
     if data < free:
@@ -135,7 +165,8 @@ def calibrate(
     stopped = False
     with limited(time_limit):
         try:
-            search.run(parameters.multistart(starts, seed))
+            initial = parameters.multistart(max(starts, _STARTS), seed)
+            search.run(initial[:starts], initial[starts:])
         except OutOfTime:
             stopped = True
         best = search.best
@@ -145,7 +176,7 @@ def calibrate(
     return Calibration(
         given_arm=arm,
         given_scene=scene,
-        measured=shapes,
+        measured=search.shapes,
         unknowns=parameters.unknowns,
         values=tuple(best.evaluation.values.tolist()),
         noise=best.noise,
@@ -160,8 +191,23 @@ def calibrate(
         machine_code=machine_code,
         stages=stages,
         blocked=tuple((shapes[i].name, str(why)) for i, why in best.refused.items()),
+        given_winches=winches,
+        orders=search.orders,
         known=best.evaluation.relinearised(),
     )
+
+
+def _checked_winches(EA: Any, outside: Any, shapes: Sequence[Measured]) -> WinchSettings:
+    """Return the winches; raise InputError for a stiffness without lengths or strokes."""
+    settings = WinchSettings(
+        tendon_EA=None if EA is None else checked_EA(EA),
+        outside=not_negative("tendon_outside", outside),
+    )
+    has_lengths = any(shape.by_length or shape.tendon_residuals for shape in shapes)
+    if settings != PLAIN_WINCHES and not has_lengths:
+        name, given = ("tendon_EA", EA) if EA is not None else ("tendon_outside", outside)
+        raise InputError(name, given, "omitted if no lengths or strokes are measured")
+    return settings
 
 
 def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
@@ -188,6 +234,8 @@ class _Search:
         Names of shapes that a fit had on another branch than the arm reaches from rest.
     why : dict of OctoplanError
         Errors of the shapes that are left out, by index of the shape.
+    orders : tuple of Order
+        Orders of the tendons that were tried, the one in use first; see Fitted.
     """
 
     parameters: Parameters
@@ -201,29 +249,93 @@ class _Search:
     starts: list[Start] = field(default_factory=list)
     astray: dict[str, None] = field(default_factory=dict)
     why: dict[int, OctoplanError] = field(default_factory=dict)
+    orders: tuple[Order, ...] = ()
     _settled: set[int] = field(default_factory=set)
+    _origin: Array = field(default_factory=lambda: np.zeros(0))
 
-    def run(self, initial: Sequence[Array]) -> None:
-        """Fit from several initial values; raise the last error if every fit fails."""
+    def run(self, initial: Sequence[Array], more: Sequence[Array]) -> None:
+        """Fit from several initial values; raise the last error if every fit fails.
+
+        Fit from `more` values until all shapes are reached; then try other orders of the tendons.
+        """
         problems = []
-        for i, values in enumerate(initial):
+        for i, values in enumerate([*initial, *more]):
+            if i >= len(initial) and (self.best is None or not unreached(self.best.evaluation)):
+                break
             report("fits", i, len(initial))
-            start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(self._initial_evaluation(values), first=True)
+                self._fit_from(values)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
-                self.starts.append(start._replace(why=str(reason)))
-                continue
-            end = tuple(optimum.evaluation.values.tolist())
-            self.starts.append(start._replace(found=end, misfit=optimum.cost))
-            if self.best is None or optimum.cost < self.best.cost:
-                self.best = optimum
-                origin = values
+                self.starts.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
         if self.best is None:
             raise problems[-1]
-        self.best = self._from_rest(self._refined(self.best.evaluation, origin))
+        if self.is_bad:
+            self._try_orders()
+        self.best = self._from_rest(self._refined(self.best.evaluation, self._origin))
         _check_partial_places(self.best.evaluation)
+
+    def _fit_from(self, values: Array) -> None:
+        """Fit from initial values, and keep the fit if it is the best."""
+        optimum = self._fit(self._initial_evaluation(values), first=True)
+        end = tuple(optimum.evaluation.values.tolist())
+        self.starts.append(Start(tuple(values.tolist()), end, optimum.cost))
+        if self.best is None or optimum.cost < self.best.cost:
+            self.best = optimum
+            self._origin = values
+
+    def _try_orders(self) -> None:
+        """Fit with the tendons in other orders, and take the best if its errors are half as large.
+
+        First, all sections are mirrored or shifted alike; if the fit remains bad, one after the
+        other.
+        """
+        arm = self.parameters.given.arm
+        given = tuple(range(arm.n_tendons))
+        searches: dict[Tendons, _Search] = {given: self}
+        orders = {given: self._as_order(given)}
+        best = given
+        for section in (None, *range(len(arm.sections))):
+            if section is not None and not searches[best].is_bad:
+                break
+            others = common_orders(arm) if section is None else section_orders(arm, best, section)
+            for tendons in [each for each in others if each not in searches]:
+                report("orders of tendons", len(orders))
+                searches[tendons] = self._reordered(tendons)
+                orders[tendons] = searches[tendons]._as_order(tendons)
+            best = min(orders, key=lambda tendons: orders[tendons].misfit)
+        if not orders[best].mean_error <= orders[given].mean_error / 2:
+            best = given
+        found = searches[best]
+        ranked = sorted(orders.values(), key=attrgetter("misfit"))
+        self.orders = (orders[best], *(order for order in ranked if order.tendons != best))
+        for name in ("shapes", "best", "starts", "astray", "why", "_settled", "_origin"):
+            setattr(self, name, getattr(found, name))
+
+    def _reordered(self, tendons: Tendons) -> _Search:
+        """Return the fit from the given values with the tendons in another order."""
+        search = _Search(
+            parameters=self.parameters,
+            shapes=tuple(shape.reordered(tendons) for shape in self.shapes),
+            loss=self.loss,
+            absolute_std=self.absolute_std,
+            accuracy=self.accuracy,
+            machine_code=self.machine_code,
+        )
+        with suppress(UnsettledShapeError, InputError):
+            search._fit_from(self.parameters.start)
+        return search
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether the best fit is bad, or no shapes settle; see orders.is_bad."""
+        return self.best is None or is_bad(self.best.evaluation)
+
+    def _as_order(self, tendons: Tendons) -> Order:
+        """Return the order of the tendons with the result of the fit."""
+        if self.best is None:
+            return Order(tendons, float("inf"), float("inf"))
+        return Order(tendons, self.best.cost, mean_distance(self.best.evaluation.named()))
 
     def left_out(self, best: Fit) -> tuple[tuple[str, str], ...]:
         """Return the names of the shapes that a fit excludes, each with the reason.

@@ -192,13 +192,20 @@ class Calibration(TextRepr, Fitted):
     """A calibrated arm; see Fitted for the attributes."""
 
     def predict(
-        self, tensions: Any, points: Sequence[tuple[float, Any]] = (), session: str = ""
+        self,
+        tensions: Any = None,
+        points: Sequence[tuple[float, Any]] = (),
+        session: str = "",
+        *,
+        lengths: Any = None,
+        strokes: Any = None,
     ) -> Prediction:
         """Predict the positions of points under tensions, with prediction bands.
 
         Each point has an arc length [m] and an offset (3,) [m]. Without points, predict the tip.
+        Pass `lengths` or `strokes` as in Measured for tendons that winches hold; the calibrated
+        zeros are added.
         """
-        flat = tuple(self.given_arm.flat(tensions).tolist())
         # Unknown marker positions must not move the points given here: number these points after
         # the markers, and replace the markers by unseen ones.
         unseen = [Point(0.0, MIDLINE, None)] * len(self.parameters.given.points)
@@ -207,7 +214,15 @@ class Calibration(TextRepr, Fitted):
                 raise InputError(f"points[{i}]", point, _POINTS)
         places = [*unseen, *(Point(s, offset, MIDLINE) for s, offset in points)]
         self._check_session(session)
-        shape = Measured(flat, tuple(places), tip=MIDLINE, session=session, name="the prediction")
+        shape = Measured(
+            tensions=tensions,
+            points=tuple(places),
+            tip=MIDLINE,
+            lengths=lengths,
+            strokes=strokes,
+            session=session,
+            name="the prediction",
+        ).with_flat_tensions(self.given_arm)
         there = from_rest(self.experiment([shape]), self.array)
         for reason in there.failed.values():
             raise UnsettledShapeError(shape.name, reason)

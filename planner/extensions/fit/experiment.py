@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +22,12 @@ from scipy.spatial.transform import Rotation
 from octoplan.model import InputError, OctoplanError, settle
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.equilibrium.sensitivities import ParameterSensitivities
 from octoplan.model.extensions.lengths.by_lengths import solve_lengths
-from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.rod.nodes import POSE
 from octoplan.model.tendons import rest_lengths
+from octoplan.planner.extensions.fit.drives import Drive, SessionParameters
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.frontends.io.varied import Setting
@@ -44,38 +42,6 @@ LOOSER = 1e3
 
 class CoarseMeshError(OctoplanError):
     """the mesh of the fit is too coarse for a shape that settles on a finer one"""
-
-
-class SessionParameters(NamedTuple):
-    """Quantities of equations and sensors that depend on the unknowns, or their derivatives.
-
-    Derivatives have a last axis of size K.
-
-    Attributes
-    ----------
-    p : (n_p,)
-        Parameters of the equations.
-    lengths : (n,)
-        Parameters of the tendons' lengths.
-    nodes : (N + 1,)
-        Arc lengths of the nodes [m].
-    s : (M,)
-        Arc lengths of the sensors [m].
-    offsets : (M, 3)
-        Offsets of the sensors in the local frame [m].
-    scale : (n_tendons,)
-        Factors of the tensions.
-    rest : (n_tendons,)
-        Lengths of the tendons at rest [m].
-    """
-
-    p: Array
-    lengths: Array
-    nodes: Array
-    s: Array
-    offsets: Array
-    scale: Array
-    rest: Array
 
 
 class Experiment:
@@ -164,6 +130,7 @@ class Experiment:
         """Return the parameters of the equations and of all sensors for a setting."""
         s, offsets = self._sensor_places(setting)
         scale = setting.tension_scale
+        winches = setting.winches
         return SessionParameters(
             p=equations.p,
             lengths=equations.length_p,
@@ -172,6 +139,9 @@ class Experiment:
             offsets=offsets,
             scale=scale,
             rest=rest_lengths(equations.arm) if self._strokes else np.zeros_like(scale),
+            zero=np.array(winches.zero),
+            tendon_EA=np.array(winches.tendon_EA or 0.0),
+            outside=np.array(winches.outside),
         )
 
     def _sensor_places(self, setting: Setting) -> tuple[Array, Array]:
@@ -244,7 +214,7 @@ class SessionEquations:
         mesh = Collocation(self.system)
         if not shape.by_length:
             with suppress(OctoplanError):
-                result = mesh.solve(self.tensions(shape), tolerance_factor=LOOSER)
+                result = mesh.solve(self.drive(shape).tensions, tolerance_factor=LOOSER)
                 check_stretch(result)
                 return result
         try:
@@ -262,47 +232,31 @@ class SessionEquations:
         arm = self.system.arm
         scene = self.system.scene
         code = self.experiment.mesh[2]
-        T = None if shape.by_length else self.tensions(shape)
-        lengths = self._lengths(shape) if shape.by_length else None
-        return settle(arm, T, scene, _ROUGHLY, compile=code, lengths=lengths).equilibrium
+        drive = self.drive(shape)
+        if not shape.by_length:
+            return settle(arm, drive.tensions, scene, _ROUGHLY, compile=code).equilibrium
+        winches = drive.winches
+        return settle(
+            arm,
+            np.where(winches.held, np.nan, winches.tensions),
+            scene,
+            _ROUGHLY,
+            compile=code,
+            lengths=np.where(winches.held, winches.lengths, np.nan),
+            tendon_EA=None if np.isinf(winches.tendon_EA) else winches.tendon_EA,
+            tendon_outside=winches.outside,
+        ).equilibrium
 
     def enforce_lengths(self, shape: Measured, reached: Reached) -> Reached:
-        """Adapt the tensions of an equilibrium to the lengths, if lengths drive the shape."""
+        """Adapt the tensions of an equilibrium to the lengths, if winches hold tendons."""
         if isinstance(reached, OctoplanError) or not shape.by_length:
             return reached
-        n = self.system.arm.n_tendons
-        winches = Winches(np.ones(n, dtype=bool), self._lengths(shape), np.zeros(n))
+        winches = self.drive(shape).winches
         result = solve_lengths(
             reached, winches, Collocation(self.system).solve_from, self.system.arm
         )
         return result or OctoplanError("no shape near its lengths is found")
 
-    def tensions(self, shape: Measured) -> Array:
-        """Return the tensions (n_tendons,) of a shape that measured tensions drive."""
-        return np.asarray(self.parameters.scale * np.array(shape.tensions))
-
-    def _lengths(self, shape: Measured) -> Array:
-        """Return the tendon lengths that the winches leave, for a shape that lengths drive [m]."""
-        if shape.lengths is not None:
-            return np.array(shape.lengths)
-        return np.asarray(self.parameters.rest - np.array(shape.strokes))
-
-    def differentiated(self, shape: Measured, equilibrium: Equilibrium) -> ParameterSensitivities:
-        """Return the derivatives of a shape's equilibrium with respect to the unknowns."""
-        by = self.derivatives
-        if not shape.by_length:
-            tensions = np.array(shape.tensions)[:, None] * by.scale
-            return ParameterSensitivities(equilibrium, by.p, by.lengths, tensions)
-        rest = by.rest if shape.strokes is not None else 0.0
-        constant_tensions = ParameterSensitivities(
-            equilibrium, by.p, by.lengths, np.zeros_like(by.scale)
-        )
-        tensions = tensions_by_lengths(equilibrium) @ (rest - constant_tensions.lengths)
-        return ParameterSensitivities(equilibrium, by.p, by.lengths, tensions)
-
-
-def tensions_by_lengths(equilibrium: Equilibrium) -> Array:
-    """Return dT/dl for the lengths l that the winches leave (n_tendons, n_tendons)."""
-    taut = equilibrium.tensions > 0
-    among_taut = np.where(np.outer(taut, taut), equilibrium.length_tension, 0.0)
-    return np.linalg.pinv(among_taut, 1e-9)
+    def drive(self, shape: Measured) -> Drive:
+        """Return the tendons of a shape."""
+        return Drive(shape, self.parameters)

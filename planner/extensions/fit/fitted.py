@@ -12,6 +12,7 @@ import scipy
 
 from octoplan.model import Arm, Scene
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.lengths.winches import PLAIN_WINCHES, WinchSettings
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import within
 from octoplan.model.support.text import counted
@@ -19,7 +20,14 @@ from octoplan.planner.extensions.fit.experiment import Experiment
 from octoplan.planner.extensions.fit.identifiability import Direction, direction, information
 from octoplan.planner.extensions.fit.least_squares import Loss, degrees_of_freedom, loss_weights
 from octoplan.planner.extensions.fit.measured import Measured, crushing_remark
-from octoplan.planner.extensions.fit.residuals import Evaluation, Residual, from_rest, mean_distance
+from octoplan.planner.extensions.fit.orders import Order
+from octoplan.planner.extensions.fit.residuals import (
+    Evaluation,
+    Residual,
+    from_rest,
+    mean_distance,
+    unreached,
+)
 from octoplan.planner.extensions.fit.unknowns import WORSE, Parameters, Unknown
 
 # Standard error over the standard deviation of the prior above which the data add nothing.
@@ -29,8 +37,6 @@ _UNLIKE = 3.0
 # Degrees of freedom from which on the outcome omits the width of Student's t intervals; at 10,
 # intervals of 95 % are 12 % wider than normal ones.
 _MANY = 10
-# Mean error of a shape's markers, over the arm's length, above which the shape is not reached.
-_UNREACHED = 0.1
 
 
 class Start(NamedTuple):
@@ -82,6 +88,11 @@ class Fitted:
         Whether shapes are settled by compiled kernels.
     blocked : tuple of (str, str)
         Shapes that ended the fit at a limit beyond which they do not settle, each with the reason.
+    given_winches : WinchSettings
+        Zeros and stretch of the winches before the fit.
+    orders : tuple of Order
+        Orders of the measured tendons that were tried because of a bad fit, the one in use first.
+        The tendons of `measured` are in this order.
     known : Evaluation or None
         Shapes at the estimate, if already evaluated; neither saved nor pickled.
     """
@@ -103,6 +114,8 @@ class Fitted:
     machine_code: bool = field(default=False, compare=False)
     stages: int = STAGES
     blocked: tuple[tuple[str, str], ...] = ()
+    given_winches: WinchSettings = PLAIN_WINCHES
+    orders: tuple[Order, ...] = ()
     known: Evaluation | None = field(default=None, compare=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -122,7 +135,13 @@ class Fitted:
 
     def setting(self, session: str = "") -> tuple[Arm, Scene]:
         """Return the arm and the scene of a session."""
-        return self.parameters.setting(self.array, session)[1:]
+        setting = self.parameters.setting(self.array, session)
+        return setting.arm, setting.scene
+
+    @property
+    def winches(self) -> WinchSettings:
+        """The calibrated zeros of the winches and stretch of the tendons."""
+        return self.parameters.setting(self.array).winches
 
     @property
     def array(self) -> Array:
@@ -256,14 +275,7 @@ class Fitted:
         The mean error of their markers, tendon lengths or strokes is above a tenth of the arm's
         length.
         """
-        far = _UNREACHED * self.given_arm.length
-        sizes = dict[tuple[str, str], list[float]]()
-        for residual in self.residuals:
-            if not residual.what.startswith("frames"):
-                kind = "places" if residual.is_place else residual.what.partition("[")[0]
-                sizes.setdefault((residual.shape, kind), []).append(residual.size)
-        rows = [name for (name, _), of_kind in sizes.items() if np.mean(of_kind) > far]
-        return tuple(dict.fromkeys(rows))
+        return unreached(self.evaluation)
 
     @property
     def outcome(self) -> str:
@@ -279,6 +291,7 @@ class Fitted:
         lines += [
             f"The fit ended where {name} ceases to settle: {why}." for name, why in self.blocked
         ]
+        lines += self._order_found()
         lines += [self.evidence] if self.evidence else []
         lines += [f"{line[0].upper()}{line[1:]}." for line in map(str, self.unidentified)]
         if self.at_bounds:
@@ -327,6 +340,25 @@ class Fitted:
         worst = max(rows, key=lambda residual: residual.size)
         return f"Farthest off is {worst.what} of {worst.shape}, by {1e3 * worst.size:.3g} mm."
 
+    def _order_found(self) -> list[str]:
+        """Return a sentence on the order of the tendons, if other orders were tried."""
+        if not self.orders:
+            return []
+        best, *others = self.orders
+        given = tuple(range(len(best.tendons)))
+        names = self.given_arm.tendon_names
+        if best.tendons == given:
+            return [f"{len(others)} mirrored or shifted orders of the tendons fit no better."]
+        before = next(order for order in others if order.tendons == given)
+        line = (
+            "The tendons act in another order than measured: "
+            f"{', '.join(names[j] for j in best.tendons)} as {', '.join(names)}. In the given "
+            f"order markers are {1e3 * before.mean_error:.3g} mm off; check the wiring"
+        )
+        equal = [order for order in others if order.misfit <= best.misfit + WORSE]
+        line += f"; {counted(len(equal), 'more order')} fit as well" if equal else ""
+        return [f"{line}."]
+
     def _agreement(self) -> list[str]:
         """Return a sentence on the number of starts that converged to the optimum."""
         if len(self.starts) == 1:
@@ -346,7 +378,9 @@ class Fitted:
     @cached_property
     def parameters(self) -> Parameters:
         """The unknowns, with the arm and the scene that contain them."""
-        return parameters_of(self.given_arm, self.given_scene, self.unknowns, self.measured)
+        return parameters_of(
+            self.given_arm, self.given_scene, self.unknowns, self.measured, self.given_winches
+        )
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -396,13 +430,17 @@ def checked_level(level: Any) -> float:
 
 
 def parameters_of(
-    arm: Arm, scene: Scene, unknowns: Iterable[Unknown], shapes: Sequence[Measured]
+    arm: Arm,
+    scene: Scene,
+    unknowns: Iterable[Unknown],
+    shapes: Sequence[Measured],
+    winches: WinchSettings,
 ) -> Parameters:
-    """Return the unknowns, with keys of the arm, the scene and the markers.
+    """Return the unknowns, with keys of the arm, the scene, the markers and the winches.
 
     The markers are the ones of the shape that has most. Raises InputError for unknown keys and
     sessions, and for unsuitable bounds.
     """
     points: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
     sessions = sorted({shape.session for shape in shapes} - {""})
-    return Parameters.of(arm, scene, unknowns, points, sessions)
+    return Parameters.of(arm, scene, unknowns, points, sessions, winches)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, NamedTuple
@@ -10,8 +10,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from octoplan.model import Arm, InputError
+from octoplan.model.extensions.lengths.winches import split_missing
 from octoplan.model.paths import Array, Mask
-from octoplan.model.support.checks import SUCH, kind, orthonormal
+from octoplan.model.support.checks import SUCH, is_several, kind, orthonormal
 from octoplan.model.support.quantities import Matrix, NotNegative, Positive, Vector
 from octoplan.model.support.units import DISTANCE
 from octoplan.model.support.value import Rule, value
@@ -90,6 +91,7 @@ class Sensor(NamedTuple):
     point: int = -1
 
 
+SUCH[float | None] = "a number, None or NaN"
 SUCH[Coordinates] = "(x, y, z) in m, None or NaN for a coordinate that was not measured"
 SUCH[Point] = "(s, (o_t, o_n, o_b), (x, y, z)), all in m"
 SUCH[MeasuredFrame] = "(s, matrix (3, 3))"
@@ -99,15 +101,16 @@ SUCH[MeasuredFrame] = "(s, matrix (3, 3))"
 class Measured:
     """One measured shape, in SI units and in the coordinates of the arm's base.
 
-    Load cells measure tensions, encoders measure lengths or strokes. If tensions are given, the arm
-    is settled under the tensions, and lengths or strokes are residuals. If only lengths or strokes
-    are given, the arm is settled with these lengths. Represent measurements of the arm at rest (its
-    droop) by a shape with zero tensions.
+    Load cells measure tensions, encoders measure lengths or strokes. A tendon with a tension is
+    settled under the tension, and its length or stroke is a residual. A tendon without tension is
+    held by a winch at its length or stroke. Represent measurements of the arm at rest (its droop)
+    by a shape with zero tensions.
 
     Attributes
     ----------
     tensions : (n_tendons,) or by section
-        [N]; None if winches hold the tendons by `lengths` or `strokes`.
+        [N]; None or NaN for tendons that winches hold by `lengths` or `strokes`, None if winches
+        hold all tendons.
     points : sequence of (s, offset, place)
         Markers: arc length [m], offset from the midline in the local frame (t, n, b) [m], and
         measured place (3,) [m], or None if the marker was not seen. A coordinate that was not
@@ -117,9 +120,11 @@ class Measured:
     tip : (3,)
         Measured place of the tip [m]; None or NaN for a coordinate that was not measured.
     lengths : (n_tendons,)
-        Measured lengths of the tendons from base to anchorage [m].
+        Measured lengths of the tendons from base to anchorage [m]; None or NaN for tendons without
+        encoder. Such a tendon is slack if no tension is given either.
     strokes : (n_tendons,)
-        Lengths of tendon taken in since the straight arm at rest [m].
+        Lengths of tendon taken in since the straight arm at rest [m]; None or NaN as in `lengths`.
+        Unknowns "winches.zero_mm[j]" are added to the strokes.
     session : str
         Label of the session; unknowns can be common to the shapes of a session.
     name : str
@@ -140,8 +145,8 @@ class Measured:
     points: tuple[Point, ...] = ()
     frames: tuple[MeasuredFrame, ...] = ()
     tip: Place | None = None
-    lengths: tuple[float, ...] | None = None
-    strokes: tuple[float, ...] | None = None
+    lengths: tuple[OptionalNumber, ...] | None = None
+    strokes: tuple[OptionalNumber, ...] | None = None
     session: str = ""
     name: str = ""
     std: Positive | None = None
@@ -150,17 +155,41 @@ class Measured:
     length_std: Positive | None = None
 
     def __post_init__(self) -> None:
+        name = f"Measured {self.name}".rstrip()
         if self.tensions is None and (self.lengths is None) == (self.strokes is None):
             allowed = "tensions, or else lengths or strokes (one of both), that the arm settles by"
-            raise InputError(f"Measured {self.name}".rstrip(), None, allowed)
+            raise InputError(name, None, allowed)
+        if self.tensions is None and not self.by_length:
+            kind = "strokes" if self.lengths is None else "lengths"
+            raise InputError(f"{name}: {kind}", self.winch_readings, "a number of some tendon")
+        held = [j for j, is_held in enumerate(self.held) if is_held]
+        if held and self.lengths is not None and self.strokes is not None:
+            allowed = "omitted, or else lengths, for tendons without tension"
+            raise InputError(f"{name}: strokes", self.strokes, allowed)
+        for j in held:
+            if self.winch_readings[j : j + 1] in ((), (None,)):
+                allowed = "a tension, or a length or stroke of this tendon; 0 if it is slack"
+                raise InputError(f"{name}: tensions[{j}]", None, allowed)
         if not self.size:
             allowed = "points, frames, a tip; with tensions also lengths or strokes"
-            raise InputError(f"Measured {self.name}".rstrip(), "nothing", allowed)
+            raise InputError(name, "nothing", allowed)
 
     @property
     def by_length(self) -> bool:
-        """Whether lengths or strokes, not tensions, drive the shape."""
-        return self.tensions is None
+        """Whether winches hold some tendons by their lengths or strokes."""
+        return any(self.held)
+
+    @property
+    def held(self) -> tuple[bool, ...]:
+        """Whether a winch holds each tendon by its length or stroke (n_tendons,)."""
+        if self.tensions is None:
+            return tuple(reading is not None for reading in self.winch_readings)
+        return tuple(T is None for T in _flattened(self.tensions))
+
+    @property
+    def winch_readings(self) -> tuple[float | None, ...]:
+        """Lengths or strokes of the tendons that winches hold [m]; None for other tendons."""
+        return (self.strokes if self.lengths is None else self.lengths) or ()
 
     @property
     def markers(self) -> list[Sensor]:
@@ -196,10 +225,10 @@ class Measured:
     @property
     def data(self) -> Array:
         """All measurements (size,): measured coordinates, frames as 0, lengths, strokes."""
-        tendons = [np.array(getattr(self, kind)) for kind in self.tendon_residuals]
+        tendons = [getattr(self, kind)[j] for kind, j in self.tendon_residuals]
         places = self.places
         coordinates = places[~np.isnan(places)]
-        return np.concatenate([coordinates, np.zeros(3 * len(self.frames)), *tendons])
+        return np.concatenate([coordinates, np.zeros(3 * len(self.frames)), tendons])
 
     @property
     def stds(self) -> Array:
@@ -223,7 +252,7 @@ class Measured:
     @property
     def has_stds(self) -> bool:
         """Whether the standard deviations of all measurements are given."""
-        uses_tendons = self.by_length or bool(self.tendon_residuals)
+        uses_tendons = bool(self.by_length or self.tendon_residuals)
         return (
             (self.std is not None or not self.markers)
             and (self.angle_std is not None or not self.frames)
@@ -236,26 +265,29 @@ class Measured:
         return int(self.data.size)
 
     @property
-    def tendon_residuals(self) -> list[str]:
-        """Names of the residuals among "lengths" and "strokes"; none if these drive the shape."""
-        kinds = [] if self.by_length else ["lengths", "strokes"]
-        return [kind for kind in kinds if getattr(self, kind) is not None]
-
-    def tendon_values(self, lengths: Callable[[], Array], rest: Array | float) -> list[Array]:
-        """Return the predictions of `tendon_residuals`, or their derivatives (n_tendons, ...).
-
-        The arguments are the tendon lengths, evaluated on demand, and the lengths at rest, or the
-        derivatives of both.
-        """
+    def tendon_residuals(self) -> list[tuple[str, int]]:
+        """The residuals of tendons: "lengths" or "strokes", and the index of the tendon."""
         return [
-            lengths() if kind == "lengths" else rest - lengths() for kind in self.tendon_residuals
+            (kind, j)
+            for kind in ("lengths", "strokes")
+            for j, reading in enumerate(getattr(self, kind) or ())
+            if reading is not None and not any(self.held[j : j + 1])
         ]
+
+    def reordered(self, order: Sequence[int]) -> Measured:
+        """Return the shape with the tendons in another order: tendon j is measured as order[j].
+
+        The tensions are flat, as `checked` returns them.
+        """
+        values: dict[str, Any] = {
+            kind: tuple(getattr(self, kind)[j] for j in order)
+            for kind in ("tensions", "lengths", "strokes")
+            if getattr(self, kind) is not None
+        }
+        return replace(self, **values)
 
     def checked(self, arm: Arm, name: str) -> Measured:
         """Return the shape with a name and flat tensions, or raise InputError."""
-        flat = None
-        if not self.by_length:
-            flat = tuple(arm.flat(self.tensions, f"{name}: tensions").tolist())
         for what in ("points", "frames"):
             for i, row in enumerate(getattr(self, what)):
                 if not 0 <= row.s <= arm.length * (1 + 1e-12):
@@ -264,18 +296,29 @@ class Measured:
         for sensor in self.markers:
             where = f"{name}: {sensor.what}"
             _check_place(arm, where, np.array(sensor.value, float), np.array(sensor.offset))
+        return replace(self, name=name).with_flat_tensions(arm)
+
+    def with_flat_tensions(self, arm: Arm) -> Measured:
+        """Return the shape with flat tensions; raise InputError for unsuitable drives."""
+        name = self.name
+        flat = None
+        if self.tensions is not None:
+            T, is_given = split_missing(arm, self.tensions, f"{name}: tensions")
+            pairs = zip(T.tolist(), is_given, strict=True)
+            flat = tuple(pull if given else None for pull, given in pairs)
         for what in ("lengths", "strokes"):
             if getattr(self, what) is not None:
                 _check_lengths(arm, f"{name}: {what}", getattr(self, what))
         if self.strokes is not None:
             # A stroke cannot exceed the length of the tendon.
             rest = rest_lengths(arm)
-            most = int(np.argmax(np.array(self.strokes) - rest))
-            if self.strokes[most] > rest[most]:
+            strokes = np.array(self.strokes, dtype=float)
+            most = int(np.nanargmax(strokes - rest))
+            if strokes[most] > rest[most]:
                 allowed = f"less than the tendon's length at rest, {rest[most]:.3g} m; is it in mm?"
                 where = f"{name}: strokes, {arm.tendon_name(most)}"
                 raise InputError(where, self.strokes[most], allowed)
-        return replace(self, tensions=flat, name=name)
+        return replace(self, tensions=flat)
 
 
 def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
@@ -295,7 +338,7 @@ def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ..
 
 def crushing_remark(arm: Arm, measured: Iterable[Measured]) -> str:
     """Return the remark that tensions exceed E A of the arm's base; "" if they do not."""
-    most = max((max(shape.tensions or (0.0,)) for shape in measured), default=0.0)
+    most = max((T or 0.0 for shape in measured for T in shape.tensions or ()), default=0.0)
     stiffness = float(arm.section_stiffness(np.zeros(1))[0, 0, 0])
     if most <= stiffness:
         return ""
@@ -321,14 +364,24 @@ def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
         raise InputError(f"{where}: offset", tuple(offset.tolist()), allowed)
 
 
-def _check_lengths(arm: Arm, where: str, lengths: Sequence[float]) -> None:
+def _flattened(values: Any) -> tuple[Any, ...]:
+    """Return the numbers of nested sequences, None for NaN; others are refused by `checked`."""
+    if not is_several(values):
+        return (_nan_as_none("", values),)
+    return tuple(number for part in values for number in _flattened(part))
+
+
+def _check_lengths(arm: Arm, where: str, lengths: Sequence[float | None]) -> None:
     """Raise InputError for lengths or strokes of wrong number or implausible size."""
     if len(lengths) != arm.n_tendons:
         allowed = f"one of each of {arm.n_tendons} tendons"
         raise InputError(where, f"{len(lengths)} numbers", allowed)
-    most = int(np.argmax(np.abs(lengths)))
-    if abs(lengths[most]) > 3 * arm.length:
-        allowed = f"lengths of tendons in m{_in_mm(abs(lengths[most]) / arm.length)}"
+    sizes = np.abs(np.array(lengths, dtype=float))
+    if np.isnan(sizes).all():
+        raise InputError(where, lengths, "a number of some tendon")
+    most = int(np.nanargmax(sizes))
+    if sizes[most] > 3 * arm.length:
+        allowed = f"lengths of tendons in m{_in_mm(sizes[most] / arm.length)}"
         raise InputError(f"{where}, {arm.tendon_name(most)}", lengths[most], allowed)
 
 

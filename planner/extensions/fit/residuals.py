@@ -7,9 +7,9 @@ equilibrium give the derivatives of poses and lengths with respect to the unknow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -24,16 +24,18 @@ from octoplan.model.equilibrium.sensitivities import ParameterSensitivities, alo
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, multiply, rotate
 from octoplan.model.support.machine.functions import BatchFunction, cached
+from octoplan.planner.extensions.fit.drives import Drive
 from octoplan.planner.extensions.fit.experiment import (
     LOOSER,
     Experiment,
     Reached,
     SessionEquations,
-    tensions_by_lengths,
 )
 
 # Largest number of bisections of the step to other values, for shapes that one step loses.
 _HALVINGS = 2
+# Mean error of a shape's markers, over the arm's length, above which the shape is not reached.
+_UNREACHED = 0.1
 
 
 class UnsettledShapeError(OctoplanError):
@@ -80,6 +82,21 @@ def mean_distance(residuals: Iterable[Residual]) -> float:
     """Return the mean distance between measured and predicted markers and tips [m], or NaN."""
     sizes = [residual.size for residual in residuals if residual.is_place]
     return float(np.mean(sizes)) if sizes else float("nan")
+
+
+def unreached(at: Evaluation) -> tuple[str, ...]:
+    """Return the names of shapes that a fit does not reach.
+
+    The mean error of their markers, tendon lengths or strokes is above a tenth of the arm's length.
+    """
+    far = _UNREACHED * at.experiment.parameters.given.arm.length
+    sizes = dict[tuple[str, str], list[float]]()
+    for residual in at.named():
+        if not residual.what.startswith("frames"):
+            kind = "places" if residual.is_place else residual.what.partition("[")[0]
+            sizes.setdefault((residual.shape, kind), []).append(residual.size)
+    rows = [name for (name, _), of_kind in sizes.items() if np.mean(of_kind) > far]
+    return tuple(dict.fromkeys(rows))
 
 
 @lru_cache(maxsize=1)
@@ -199,7 +216,8 @@ class Evaluation:
                 by = self.parameter_sensitivities[i]
                 states = states + by.states @ change
                 tensions = np.maximum(tensions + by.tensions @ change, 0.0)
-            T = tensions if shape.by_length else equations.tensions(shape)
+            drive = equations.drive(shape)
+            T = np.where(drive.held, tensions, drive.tensions)
             layout = before.system.layout
             near = None
             if equations.system.layout is not layout:
@@ -219,12 +237,15 @@ class Evaluation:
         """Return the equations of a shape."""
         return self.at[self.experiment.session[i]]
 
+    def drive(self, i: int) -> Drive:
+        """Return the tendons of a shape."""
+        return self.equations(i).drive(self.experiment.shapes[i])
+
     @cached_property
     def parameter_sensitivities(self) -> dict[int, ParameterSensitivities]:
         """Derivatives of the equilibria with respect to the unknowns, by index of the shape."""
-        shapes = self.experiment.shapes
         return {
-            i: self.equations(i).differentiated(shapes[i], here)
+            i: self.drive(i).sensitivities(here, self.equations(i).derivatives)
             for i, here in self.equilibria.items()
         }
 
@@ -234,24 +255,19 @@ class Evaluation:
         result = dict[int, Array]()
         for i, here in self.equilibria.items():
             shape = self.experiment.shapes[i]
-            rest = self.equations(i).parameters.rest
-            tendons = shape.tendon_values(partial(getattr, here, "lengths"), rest)
             sensors = self._sensor_readings[i][0][shape.is_measured]
-            result[i] = np.concatenate([sensors, *tendons]) - shape.data
+            result[i] = np.concatenate([sensors, self.drive(i).readings(here)]) - shape.data
         return result
 
     @cached_property
     def jacobians(self) -> dict[int, Array]:
         """Derivatives of the residuals with respect to the unknowns (size, K)."""
-        return {
-            i: self._residual_derivatives(
-                i,
-                self._moved_sensors(i),
-                partial(getattr, by, "lengths"),
-                self.equations(i).derivatives.rest,
-            )
-            for i, by in self.parameter_sensitivities.items()
-        }
+        result = dict[int, Array]()
+        for i, by in self.parameter_sensitivities.items():
+            derivatives = self.equations(i).derivatives
+            readings = self.drive(i).reading_changes(self.equilibria[i], by, derivatives)
+            result[i] = self._residual_changes(i, self._moved_sensors(i), readings)
+        return result
 
     def predicted_places(self, i: int) -> Array:
         """Return the predicted places of the markers and the tip of a shape (n, 3) [m]."""
@@ -290,15 +306,12 @@ class Evaluation:
             if not shape.by_length and not shape.tension_std:
                 result[i] = np.diag(1 / shape.stds)
                 continue
-            inputs = shape.tension_std * np.diag(at.parameters.scale)
-            if shape.by_length:
-                inputs = shape.tendon_std * tensions_by_lengths(here)
+            drive = self.drive(i)
+            inputs = drive.input_tensions(here)
             poses = here.by_tensions[at.pose_indices[self.experiment.rows[i]]]
             moved = np.concatenate([poses, np.zeros((len(poses), 3, len(inputs)))], axis=1)
-            J = (
-                self._residual_derivatives(i, moved, partial(getattr, here, "length_tension"), 0.0)
-                @ inputs
-            )
+            readings = drive.reading_changes(here, None, None)
+            J = self._residual_changes(i, moved, readings) @ inputs
             variance = np.diag(np.square(shape.stds)) + J @ J.T
             result[i] = np.linalg.inv(np.linalg.cholesky(variance))
         return result
@@ -324,25 +337,19 @@ class Evaluation:
             count = np.count_nonzero(is_measured)
             sensors[is_measured] = miss[:count]
             rows = [*sensors, *miss[count:, None]]
-            names += [
-                f"{kind}[{j}]"
-                for kind in shape.tendon_residuals
-                for j in range(len(getattr(shape, kind)))
-            ]
+            names += [f"{kind}[{j}]" for kind, j in shape.tendon_residuals]
             for what, row in zip(names, rows, strict=True):
                 yield Residual(shape.name, what, tuple(row.tolist()))
 
-    def _residual_derivatives(
-        self, i: int, moved: Array, lengths: Callable[[], Array], rest: Array | float
-    ) -> Array:
+    def _residual_changes(self, i: int, moved: Array, readings: Array) -> Array:
         """Return the changes of a shape's residuals (size, k).
 
-        The arguments are the changes of its sensors' poses and offsets (M, 10, k), and of its
-        tendons' lengths and rest lengths (n_tendons, k).
+        The arguments are the changes of its sensors' poses and offsets (M, 10, k), and of the
+        readings of encoders.
         """
-        shape = self.experiment.shapes[i]
-        sensors = (self._sensor_readings[i][1] @ moved)[shape.is_measured]
-        return np.vstack([sensors, *shape.tendon_values(lengths, rest)])
+        is_measured = self.experiment.shapes[i].is_measured
+        sensors = (self._sensor_readings[i][1] @ moved)[is_measured]
+        return np.vstack([sensors, readings]) if len(readings) else sensors
 
     @cached_property
     def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:

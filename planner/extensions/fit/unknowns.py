@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octoplan.model import Arm, InputError, Scene
+from octoplan.model.extensions.lengths.winches import PLAIN_WINCHES, WinchSettings
 from octoplan.model.loads import required_arc_lengths
 from octoplan.model.mesh import Mesh, landmarks
 from octoplan.model.paths import SAME, Array
@@ -19,6 +20,8 @@ from octoplan.model.support.checks import kind
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.frontends.io.varied import Setting
 
+# Key of the stiffness of tendons, which has no value in measurements with inextensible tendons.
+_TENDON_EA = "winches.tendon_EA_N"
 # Steps of difference quotients, over the range of the bounds.
 _STEP = 2e-8
 # Distance from a bound, over the range of the bounds, below which an unknown is at the bound.
@@ -45,9 +48,9 @@ class Unknown:
     key : str or tuple of str
         Path in a scene file, such as "arm.E_kPa", "arm.sections[0].angles_deg[1]" or
         "effects.friction.mu". A calibration also accepts "points[1].s_mm" and
-        "points[1].offset_mm[2]" (the second point of each shape), and "tension_scale[0]", the
-        factor by which the tensions of the first tendon are multiplied. Several keys share one
-        value.
+        "points[1].offset_mm[2]" (the second point of each shape), "tension_scale[0]", the factor by
+        which the tensions of the first tendon are multiplied, "winches.zero_mm[0]", which is added
+        to the strokes of the first tendon, and "winches.tendon_EA_N". Several keys share one value.
     lower, upper : float
         Bounds.
     prior : (mean, standard deviation), optional
@@ -116,13 +119,17 @@ class Parameters:
         unknowns: Iterable[Unknown],
         points: Iterable[Any] = (),
         sessions: Sequence[str] = (),
+        winches: WinchSettings = PLAIN_WINCHES,
     ) -> Parameters:
         """Return the unknowns, or raise InputError for unsuitable keys, sessions or bounds."""
         allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
         checked = tuple(kind("unknowns", unknowns, Iterable, f"a sequence of {allowed}"))
         if not checked or not all(isinstance(unknown, Unknown) for unknown in checked):
             raise InputError("unknowns", checked, allowed)
-        parameters = cls(Setting.of(arm, scene, points), checked)
+        for unknown in checked:
+            if _TENDON_EA in unknown.keys and winches.tendon_EA is None:
+                winches = replace(winches, tendon_EA=_initial_EA(unknown))
+        parameters = cls(Setting.of(arm, scene, points, winches), checked)
         for unknown in checked:
             parameters._check(unknown, sessions)
         pairs = [(key, unknown.session) for unknown in checked for key in unknown.keys]
@@ -242,6 +249,16 @@ class Parameters:
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
         return [self.start, *map(self.from_fractions, draws)]
+
+
+def _initial_EA(unknown: Unknown) -> float:
+    """Return the initial stiffness of tendons if none is given: the geometric mean of the bounds.
+
+    Raises InputError for bounds that a stiffness cannot have.
+    """
+    if unknown.lower <= 0:
+        raise InputError(f"{unknown.name}: lower", unknown.lower, "a number above 0")
+    return math.sqrt(unknown.lower * unknown.upper)
 
 
 def neighbour(

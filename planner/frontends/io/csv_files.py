@@ -8,7 +8,8 @@ are read. A file of measured shapes has one shape per line:
 `name` and `session` are optional. The drive of the arm is a tension for each tendon, under the
 tendon names of the arm, or `length_T_11_mm` or `stroke_T_11_mm` for each tendon, or both. Positions
 of markers, by marker name, and of the tip are in mm. Omit columns, leave cells empty or write nan
-for coordinates that were not measured. A shape without tensions is settled by lengths or strokes.
+for coordinates that were not measured. Tendons without tension are held at their lengths or
+strokes; without these they are slack.
 """
 
 from __future__ import annotations
@@ -186,7 +187,7 @@ def load_shapes(
         cells = dict(zip(header, row, strict=True))
         with error_context(name, where):
             values: dict[str, Any] = {key: _values(each, cells) for key, each in columns.items()}
-            *seen, tip = (_coordinates(place, cells) for place in places)
+            *seen, tip = (_values(place, cells) for place in places)
             values["tip"] = tip
             values["points"] = [
                 (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), place)
@@ -204,15 +205,11 @@ def _place(name: str) -> list[str]:
     return [f"{name}_{axis}_mm" for axis in "xyz"]
 
 
-def _values(columns: list[str], cells: dict[str, str]) -> list[float] | None:
-    """Return the numbers of cells in SI units; None if all cells are empty."""
-    if not any(cells.get(column) for column in columns):
-        return None
-    return [_number(column, cells) for column in columns]
+def _values(columns: list[str], cells: dict[str, str]) -> list[float | None] | None:
+    """Return the numbers of cells in SI units, None for cells that are empty or nan.
 
-
-def _coordinates(columns: list[str], cells: dict[str, str]) -> list[float | None] | None:
-    """Return coordinates in SI units, None for cells that are empty or nan; None if all are."""
+    Return None if all are.
+    """
     is_missing = [cells.get(column, "").lower() in ("", "nan") for column in columns]
     if all(is_missing):
         return None

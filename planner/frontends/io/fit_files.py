@@ -23,6 +23,8 @@ from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.io.tables import Accuracy, table
 from octoplan.planner.limits import Limits
 
+# Arguments of `calibrate` that a file has under their names.
+_OPTIONS = ("loss", "absolute_std", "starts", "accuracy", "tendon_EA", "tendon_outside")
 ManufacturingTable: Any = table(ManufacturingLimits)
 ReachTable: Any = table(Reach, tag="reach")
 UnknownTable: Any = table(Unknown)
@@ -40,6 +42,12 @@ class CalibrationFile(Table, frozen=True):
         Positive | None, quantity("of lengths and strokes; std_mm by default", "mm")
     ] = None
     tension_std: Annotated[NotNegative, quantity("standard deviation of tensions", "N")] = 0.0
+    tendon_EA: Annotated[
+        Positive | None, quantity("stiffness of the tendons; inextensible by default", "N")
+    ] = None
+    tendon_outside_mm: Annotated[
+        NotNegative, quantity("of each tendon, from winch to base, also stretches", "mm")
+    ] = 0.0
     absolute_std: Annotated[
         bool, Meta(description="whether standard deviations are used without scaling")
     ] = False
@@ -81,7 +89,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
         "scene": question.scene,
         "measured": load_shapes(path.parent / file.measured, question.arm, file.points, **stds),
         "unknowns": unknowns,
-        **{key: values[key] for key in ("loss", "absolute_std", "starts", "accuracy")},
+        **{key: values[key] for key in _OPTIONS},
     }
 
 

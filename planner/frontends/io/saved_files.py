@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.lengths.winches import PLAIN_WINCHES
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.support.checks import finite_array, not_negative, positive, within
 from octoplan.model.support.errors import FileError
@@ -144,12 +145,15 @@ def load_calibration(path: str | Path) -> Calibration:
         scene = value_of(question.scene)
         unknowns = tuple(map(value_of, question.unknowns))
         shapes = tuple(item.checked(arm, item.name) for item in map(value_of, question.measured))
+        winches = PLAIN_WINCHES
+        if not isinstance(question.winches, msgspec.UnsetType):
+            winches = value_of(question.winches)
     if len(fit.values) != len(unknowns) or not np.all(np.isfinite(fit.values)):
         rule = f"must be {len(unknowns)} finite numbers"
         raise FileError(name, "fit.values", rule)
     kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
     values = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
     with error_context(name, "fit"):
-        result = Calibration(arm, scene, shapes, unknowns, **values)
+        result = Calibration(arm, scene, shapes, unknowns, given_winches=winches, **values)
         result.parameters  # noqa: B018  (checks keys and sessions)
     return result

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.lengths.winches import WinchSettings
 from octoplan.model.extensions.obstacles import Moving
 from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.scene import Scene
@@ -21,6 +22,7 @@ from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, Cle
 from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.extensions.fit.fitted import Fitted, Start
 from octoplan.planner.extensions.fit.measured import Measured
+from octoplan.planner.extensions.fit.orders import Order
 from octoplan.planner.extensions.fit.residuals import Residual
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.frontends.io.codec import (
@@ -59,6 +61,7 @@ BaseKind: Any = exact(BaseJoints, placed=True)
 LimitsKind: Any = exact(TendonLimits, placed=True)
 ShapeKind: Any = exact(Measured, placed=True)
 UnknownKind: Any = exact(Unknown, placed=True)
+WinchKind: Any = exact(WinchSettings, placed=True)
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -191,22 +194,36 @@ class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=Tr
     scene: Annotated[SceneKind, about(of=lambda fit: encode_exact(fit.given_scene))]
     measured: Annotated[list[ShapeKind], about(of=lambda fit: encode_exact(fit.measured))]
     unknowns: Annotated[list[UnknownKind], about(of=lambda fit: encode_exact(fit.unknowns))]
+    winches: Annotated[
+        WinchKind | UnsetType, about(of=lambda fit: encode_exact(fit.given_winches))
+    ] = UNSET
 
 
-_ASKED = ("given_arm", "given_scene", "measured", "unknowns")
+_ASKED = ("given_arm", "given_scene", "measured", "unknowns", "given_winches")
 _NOT_KEPT = (*_ASKED, "machine_code", "known")
 _FIT = tuple(name for name in arguments(Fitted) if name not in _NOT_KEPT)
 # Settings and results of the fit; calibrations are loaded from this record.
 FitRecord: Any = struct(
     "FitRecord",
-    [("starts", list[exact(Start, placed=True)])],  # type: ignore[misc]
-    base=exact(Fitted, placed=True, names=tuple(name for name in _FIT if name != "starts")),
+    [
+        ("starts", list[exact(Start, placed=True)]),  # type: ignore[misc]
+        ("orders", list[exact(Order, placed=True)] | UnsetType, UNSET),  # type: ignore[misc]
+    ],
+    base=exact(
+        Fitted,
+        placed=True,
+        names=tuple(name for name in _FIT if name not in ("starts", "orders")),
+    ),
 )
 
 
 def _scene_of(fit: Any) -> dict[str, Any]:
     table = fit.parameters.setting(fit.array).table
     return {key: table[key] for key in ("arm", "effects")}
+
+
+def _winches_of(fit: Any) -> dict[str, Any]:
+    return dict(fit.parameters.setting(fit.array).table["winches"])
 
 
 _SCENE = Meta(description="arm and effects as in a scene file")
@@ -224,6 +241,7 @@ class CalibrationRecord(Record, kw_only=True):
         list[ResidualRecord], about(of=lambda fit: records(ResidualRecord, fit.residuals))
     ]
     scene: Annotated[dict[str, Any], _SCENE, about(of=_scene_of)]
+    winches: Annotated[dict[str, Any], about("zeros and stretch of the tendons", of=_winches_of)]
     question: Annotated[CalibrationQuestion, about(of=lambda fit: record(CalibrationQuestion, fit))]
     fit: Annotated[FitRecord, about(of=lambda fit: attributes_of(fit, _FIT))]
 

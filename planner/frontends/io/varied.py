@@ -1,6 +1,6 @@
 """Vary parameters of an arm and a scene by key path, as entries of the tables of a scene file.
 
-Parameters of measurements vary too: positions of markers, and scale factors of tensions.
+Parameters of measurements vary too: positions of markers, scale factors of tensions, and winches.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from msgspec import Meta
 from msgspec.inspect import FloatType
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.lengths.winches import PLAIN_WINCHES, WinchSettings
 from octoplan.model.loads import check_loads
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import NotNegative, Positive
 from octoplan.model.support.units import UnitWarning
 from octoplan.planner.frontends.io.codec import Table, arguments_of, keys_of, quantity, unit_of_type
 from octoplan.planner.frontends.io.key_paths import (
@@ -47,6 +49,14 @@ class MarkerTable(Table, frozen=True):
     )
 
 
+class WinchTable(Table, frozen=True):
+    """Winches of the measurements; see WinchSettings."""
+
+    zero_mm: Annotated[tuple[float, ...], quantity("taken in at reading 0, by tendon", "mm")]
+    tendon_EA_N: Annotated[Positive | None, quantity("stiffness E A of the tendons", "N")]
+    outside_mm: Annotated[NotNegative, quantity("of each tendon, from winch to base", "mm")]
+
+
 class VariedTable(Table, frozen=True):
     """Parameters that may vary: of the arm, the effects and the measurements."""
 
@@ -54,6 +64,7 @@ class VariedTable(Table, frozen=True):
     effects: EffectsTable
     points: Annotated[tuple[MarkerTable, ...], Meta(description="the points of each shape")]
     tension_scale: Annotated[tuple[float, ...], Meta(description="of the tensions, by tendon")]
+    winches: WinchTable
 
 
 class Setting(NamedTuple):
@@ -64,12 +75,21 @@ class Setting(NamedTuple):
     scene: Scene
 
     @classmethod
-    def of(cls, arm: Arm, scene: Scene, points: Iterable[Any] = ()) -> Setting:
-        """Return the setting of an arm, a scene and points with `s` and `offset` [m]."""
+    def of(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        points: Iterable[Any] = (),
+        winches: WinchSettings = PLAIN_WINCHES,
+    ) -> Setting:
+        """Return the setting of an arm, a scene, points with `s` and `offset` [m], and winches."""
         scene_file = with_defaults(checked_table(scene_table(arm, scene), "scene"), Path())
         table = {key: scene_file[key] for key in ("arm", "effects")}
         table["points"] = [keys_of(point, MarkerTable) for point in points]
-        return cls(table | {"tension_scale": [1.0] * arm.n_tendons}, arm, scene)
+        table["tension_scale"] = [1.0] * arm.n_tendons
+        table["winches"] = keys_of(winches, WinchTable)
+        table["winches"]["zero_mm"] = table["winches"]["zero_mm"] or [0.0] * arm.n_tendons
+        return cls(table, arm, scene)
 
     def at(
         self, keys: Sequence[str], values: Sequence[Any], near: Setting | None = None
@@ -116,3 +136,8 @@ class Setting(NamedTuple):
     def tension_scale(self) -> Array:
         """Factors of the tensions of each tendon (n_tendons,)."""
         return np.array(self.table["tension_scale"], dtype=float)
+
+    @property
+    def winches(self) -> WinchSettings:
+        """The winches of the measurements; raise InputError for invalid values."""
+        return WinchSettings(**arguments_of(checked(self.table["winches"], WinchTable, "winches")))
