@@ -95,6 +95,11 @@ class Solution:
     optimum: Any = field(default=None, repr=False, kw_only=True)
 
     @property
+    def controls(self) -> Array:
+        """The tensions (n_tendons,) [N], followed by the values of base joints if any."""
+        return np.append(self.tensions, self.base)
+
+    @property
     def n_equal_optima(self) -> int:
         """The number of initial guesses that lead to the best objective."""
         return n_equal_optima(self.starts)

@@ -293,10 +293,10 @@ REFUSED: Refused = {
         "of 0",
     ),
     "no joints at all": (lambda: plan(ARM, TARGET, base=(0, 0.1)), "base", "BaseJoints"),
-    "obstacles": (
-        lambda: plan(ARM, TARGET, base=TURNED, obstacles=[BALL]),
+    "clearance from itself": (
+        lambda: plan(ARM, TARGET, base=TURNED, self_clearance=True),
         "base",
-        "obstacles",
+        "self_clearance",
     ),
     "contact": (
         lambda: plan(ARM, TARGET, Scene(Extension(), Contact(BALL)), 20.0, base=TURNED),
@@ -323,6 +323,28 @@ def test_dead_loads_stay_in_space() -> None:
     assert p.reached and p.certificate.optimal
     tip = settle(moved(ARM, *p.base), p.tensions, scene, 1e-8).tip
     assert np.linalg.norm(tip - TARGET.position) < 1e-6 * ARM.length
+
+
+@pytest.mark.slow
+def test_arms_with_base_joints_keep_clear_of_obstacles(tmp_path: Path) -> None:
+    joints = BaseJoints((-0.05, 0.05), (-np.pi, np.pi), weight=0.3)
+    free = plan(ARM, TARGET, PAPER, 20.0, base=joints)
+    beside = free.shape.position(0.12) + np.array([0.0, -0.006, 0.004])
+    ball = Sphere(tuple(beside), 0.008)
+    around: dict[str, Any] = {"obstacles": [ball], "clearance": 0.002}
+    p = plan(ARM, TARGET, PAPER, 20.0, base=joints, **around)
+    assert p.reached and p.certificate.clearance >= 0.002 and p.solution.avoidance is not None
+    # By hand: the distance of a thousand points of the settled arm.
+    shape = settle(moved(ARM, *p.base), p.tensions, PAPER, 1e-8)
+    s = np.linspace(0.0, ARM.length, 1001)
+    gaps = np.linalg.norm(shape.position(s) - np.array(ball.center), axis=1) - ball.radius
+    assert (gaps - ARM.outer_radius(s)[0]).min() > 0.002
+    assert p.base.insertion != pytest.approx(free.base.insertion, abs=1e-4)
+    fixed = plan(moved(ARM, *p.base), TARGET, PAPER, 20.0, **around)
+    assert p.effort == pytest.approx(fixed.effort, rel=5e-3)
+    assert load_plan(p.save(tmp_path / "plan.json")) == p
+    near = plan(ARM, TipPosition((0.161, 0.05, -0.06)), PAPER, 20.0, base=joints, near=p, **around)
+    assert near.reached and len(near.solution.starts) == 1
 
 
 @pytest.mark.slow

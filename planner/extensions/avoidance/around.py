@@ -27,6 +27,8 @@ from octoplan.model.support.progress import OutOfTime, report
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avoiding, grid
 from octoplan.planner.extensions.avoidance.surroundings import allows, in_the_way
+from octoplan.planner.extensions.base_joints.lines import MovingLines
+from octoplan.planner.extensions.base_joints.placement import JointPlacement
 from octoplan.planner.nlp_options import Mode
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
@@ -57,6 +59,8 @@ def _lines_of(task: PlanningProblem) -> Lines:
     """Return the centrelines of a task's arm on the mesh of the search."""
     at = tuple(grid(task.arm)[1:].tolist())
     refinement = task.coarse("exact").refinement
+    if isinstance(task.placement, JointPlacement):
+        return MovingLines(task.placement, task.scene, refinement, at, task.machine_code)
     return Lines(task.arm, task.scene, refinement, at, task.machine_code)
 
 
@@ -88,7 +92,7 @@ class ObstacleSearch:
             if near is not None:
                 if self._in_the_way(near) is None:
                     return near
-                led = self._exchange(np.ravel(near.tensions), "exact")
+                led = self._exchange(near.controls, "exact")
                 if led is not None:
                     return led[1]
             search, self.searched = Search(self.task), True
@@ -106,19 +110,20 @@ class ObstacleSearch:
             raise OutOfTime
         return replace(result, stopped=True)
 
-    def led_from(self, tensions: Array) -> Solution | None:
+    def led_from(self, controls: Array) -> Solution | None:
         """Return the solution near given tensions that meets the targets and keeps clear.
 
-        None if there is no such solution, or if the time is over.
+        Tensions may be followed by base joints. None if there is no such solution, or if the time
+        is over.
         """
         with suppress(OutOfTime):
-            led = self._exchange(tensions, "exact")
+            led = self._exchange(controls, "exact")
             return None if led is None else led[1]
         return None
 
     def _in_the_way(self, result: Solution) -> str | None:
         """Return a description of the body that is too near; None if the arm keeps clear."""
-        line = line_of(self.task, np.ravel(result.tensions))
+        line = line_of(self.task.at_base(result.base), np.ravel(result.tensions))
         return "" if line is None else in_the_way(self.surroundings, line) or None
 
     def _detour(self, search: Search, result: Solution) -> Solution:
@@ -127,9 +132,9 @@ class ObstacleSearch:
         Starts are the optima of the search, further guesses, and arms that touch nothing. The mode
         is that of the solution without obstacles, and then "nearest" from the latter starts.
         """
-        mode, T = result.options.mode, np.ravel(result.tensions)
+        mode, T = result.options.mode, result.controls
         met = sorted(search.stage.stable, key=attrgetter("f"))
-        optima = [(each.f, each.tensions) for each in met] or [(0.0, T)]
+        optima = [(each.f, each.controls) for each in met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
         drawn = islice(self._clear(islice(drawn_arms(self.task), _LOOKED_AT)), _MOST)
         clear, again = tee((0.0, arm) for arm in drawn)
@@ -144,7 +149,7 @@ class ObstacleSearch:
         """Yield the tensions of arms that touch nothing."""
         for T in arms:
             line = self._lines(T)
-            if line is not None and avoiding(line, self.surroundings, None)[1] >= 0:
+            if line is not None and self._avoiding(line, None)[1] >= 0:
                 yield T
 
     def _clear_fits(self) -> Iterator[Array]:
@@ -180,6 +185,13 @@ class ObstacleSearch:
                 return min(done, key=lambda pair: pair[0])[1]
         return None
 
+    def _avoiding(
+        self, line: Centreline, before: ClearanceConstraints | None
+    ) -> tuple[ClearanceConstraints, float]:
+        """Return the clearance rows of an arm, and the smallest gap [m]; see avoiding."""
+        moves = self.task.placement is not None
+        return avoiding(line, self.surroundings, before, moves)
+
     def _exchange(self, T: Array, mode: Mode) -> tuple[float, Solution] | None:
         """Return the objective and the solution that keeps clear, from given tensions."""
         avoidance: ClearanceConstraints | None = None
@@ -194,16 +206,16 @@ class ObstacleSearch:
                 near = np.isclose(objectives, optimum.f, rtol=_AGAIN, atol=0.0)
                 is_final = bool(near.any()) or not any(row.is_part for row in avoidance.rows)
                 objectives.append(optimum.f)
-            kept, (avoidance, gap) = avoidance, avoiding(line, self.surroundings, avoidance)
+            kept, (avoidance, gap) = avoidance, self._avoiding(line, avoidance)
             if optimum is not None and is_final and gap >= self.surroundings.clearance:
                 fine = refine(optimum)
-                line = None if fine is None else line_of(task, fine.tensions)
+                line = None if fine is None else line_of(fine.task, fine.tensions)
                 if fine is None or line is None:
                     return None
                 if not in_the_way(self.surroundings, line):
                     constraints = kept if kept and kept.rows else None
                     return optimum.f, fine.result(self.trials, avoidance=constraints)
-                avoidance, _ = avoiding(line, self.surroundings, avoidance)
+                avoidance, _ = self._avoiding(line, avoidance)
             stage = RelaxationStage(task, mode, blocks=avoidance.blocks(task.arm))
             optimum = stage.resolve_with(optimum) if optimum else stage.solve_from(T)
             self.trials += stage.trials

@@ -100,8 +100,8 @@ class ClearanceBlock(Block):
 
     Attributes
     ----------
-    base : (7,)
-        Pose of the base.
+    base : (7,) or None
+        Pose of the base; None for a base that moves, whose pose is that of a station.
     length : float
         Length of the arm [m].
     nodes : tuple of float
@@ -115,7 +115,7 @@ class ClearanceBlock(Block):
         pair.
     """
 
-    base: tuple[float, ...]
+    base: tuple[float, ...] | None
     length: float
     nodes: tuple[float, ...]
     slots: tuple[int, ...]
@@ -133,11 +133,12 @@ class ClearanceBlock(Block):
 
     def stations(self) -> tuple[float, ...]:
         """Return the stations between which places are interpolated [m]."""
-        return self.nodes[1:]
+        return self.nodes if self.base is None else self.nodes[1:]
 
     def parts(self, view: ProgramView) -> Parts:
         """Return (distance - least distance) / L >= 0."""
-        poses = ca.vertcat(ca.DM(self.base), *(view.poses[s] for s in self.stations()))
+        base = [] if self.base is None else [ca.DM(self.base)]
+        poses = ca.vertcat(*base, *(view.poses[s] for s in self.stations()))
         gaps = self._gaps().value.function(poses, view.parameters)
         return Parts([Rows(CLEAR, gaps / self.length)])
 
@@ -165,9 +166,17 @@ class ClearanceBlock(Block):
 
 @dataclass(frozen=True)
 class ClearanceConstraints:
-    """Clearance rows that a plan keeps; they never have slacks."""
+    """Clearance rows that a plan keeps; they never have slacks.
+
+    Attributes
+    ----------
+    rows : tuple of ClearanceRow
+    base_moves : bool
+        Whether the base is moved by joints.
+    """
 
     rows: tuple[ClearanceRow, ...]
+    base_moves: bool = False
 
     def blocks(self, arm: Arm) -> tuple[ClearanceBlock, ...]:
         """Return the block of the rows, or none without rows."""
@@ -176,7 +185,7 @@ class ClearanceConstraints:
         pairs = [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
         return (
             ClearanceBlock(
-                tuple(base_pose(arm).tolist()),
+                None if self.base_moves else tuple(base_pose(arm).tolist()),
                 arm.length,
                 tuple(grid(arm).tolist()),
                 tuple(self._slots(arm)),
@@ -262,14 +271,17 @@ def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:
 
 
 def avoiding(
-    line: Centreline, surroundings: Environment, before: ClearanceConstraints | None
+    line: Centreline,
+    surroundings: Environment,
+    before: ClearanceConstraints | None,
+    base_moves: bool = False,
 ) -> tuple[ClearanceConstraints, float]:
     """Return the clearance rows of an arm with those from before, and the smallest gap [m].
 
-    Places that are near to a body get a row. The first rows of an arm that touches nothing include
-    places farther away.
+    The base itself has rows if it moves. Places that are near to a body get a row. The first rows
+    of an arm that touches nothing include places farther away.
     """
-    minima = list(_minima(line, surroundings))
+    minima = list(_minima(line, surroundings, base_moves))
     least = min((gap for gap, _ in minima), default=np.inf)
     near = _NEAR if before or least < surroundings.clearance else _WATCHED
     most = surroundings.clearance + near * line.arm.length
@@ -279,16 +291,20 @@ def avoiding(
         pair = row.place.s, other, row.is_part
         if not row.is_part and not any(_is_same(line, pair, another) for another in pairs):
             pairs.append(pair)
-    return ClearanceConstraints(tuple(_row(line, surroundings, *pair) for pair in pairs)), least
+    rows = tuple(_row(line, surroundings, *pair) for pair in pairs)
+    return ClearanceConstraints(rows, base_moves), least
 
 
-def _minima(line: Centreline, surroundings: Environment) -> Iterator[tuple[float, Pair]]:
+def _minima(
+    line: Centreline, surroundings: Environment, base_moves: bool
+) -> Iterator[tuple[float, Pair]]:
     """Yield gaps [m] where an arm is nearest to something not far off, and what is there."""
     s, bodies = np.linspace(0.0, line.arm.length, _POINTS), list(surroundings.obstacles)
     (points, radius), turned = line.at(s), line.turned(s)
     bodies += [base_plane(line.arm)] * surroundings.of_itself
     gaps = distances_from(bodies, points[:, None])[0] - radius[:, None]
-    gaps[0] = np.inf  # the base stays where it is
+    if not base_moves:
+        gaps[0] = np.inf
     gaps[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
     most = surroundings.clearance + _WATCHED * line.arm.length
     for i, k in np.argwhere((gaps <= minimum_filter(gaps, (3, 1))) & (gaps < most)):

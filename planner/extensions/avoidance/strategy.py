@@ -39,7 +39,7 @@ class AvoidanceStrategy(Strategy):
                 # Among the same obstacles: with the inequalities of the plan nearby.
                 kept: Solution | None = load(WARM_START)(near, problem, avoidance)
                 if kept is not None and not kept.stopped and not kept.jump:
-                    line = line_of(problem, np.ravel(kept.tensions))
+                    line = line_of(problem.at_base(kept.base), np.ravel(kept.tensions))
                     if line is not None and not in_the_way(environment, line):
                         return kept
             result = load(WARM_START)(near, problem)
@@ -51,4 +51,4 @@ class AvoidanceStrategy(Strategy):
 
     def solve_from(self, problem: PlanningProblem, plan: Plan) -> Solution | None:
         """See Strategy.solve_from."""
-        return ObstacleSearch(problem).led_from(np.ravel(plan.tensions))
+        return ObstacleSearch(problem).led_from(plan.solution.controls)

@@ -38,8 +38,8 @@ _SQUEEZED = 0.1
 _APART = 0.3
 # Factor of the tensions of a guess without loads for the guess of an arm under loads [-].
 _STRONGER = 3.0
-# Distance beyond a limit of the rotation up to which a guess a turn away counts as near [rad]. Loads
-# turn the arm further, up to a quarter of a turn.
+# Distance beyond a limit of the rotation up to which a guess a turn away counts as near [rad];
+# under loads it is a quarter of a turn.
 _NEAR_END = 0.5
 # Number of guesses after which stronger ones follow under loads.
 _FIRST = 3

@@ -50,16 +50,16 @@ class BaseJoints:
     Attributes
     ----------
     insertion : (low, high) or None
-        Limits of the insertion [m]; None for no such joint.
+        Limits of the insertion [m]; no such joint unless given.
     rotation : (low, high) or None
-        Limits of the rotation [rad]; None for no such joint.
+        Limits of the rotation [rad]; no such joint unless given.
     weight : float
         Weight of the joints in the effort [-]. With 0 the joints cost nothing, and plans may have
         several optima.
     insertion_rate : float or None
-        Largest rate of the insertion in motions [m/s]; None for no limit.
+        Largest rate of the insertion in motions [m/s]; no limit unless given.
     rotation_rate : float or None
-        Largest rate of the rotation in motions [rad/s]; None for no limit.
+        Largest rate of the rotation in motions [rad/s]; no limit unless given.
     """
 
     insertion: Annotated[Pair | None, unit("mm")] = None
@@ -100,6 +100,11 @@ class BaseJoints:
         both = [(0.0, 0.0) if each is None else each for each in (self.insertion, self.rotation)]
         low, high = zip(*both, strict=True)
         return BasePosition(*low), BasePosition(*high)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the joints that exist."""
+        return tuple(name for name in BasePosition._fields if getattr(self, name) is not None)
 
     @property
     def rates(self) -> tuple[float, float]:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
+from octoplan.model.centreline import Centreline
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.planner.extensions.avoidance.lines import Lines
-from octoplan.planner.extensions.base_joints.placement import JointPlacement
+from octoplan.planner.extensions.base_joints.placement import JointPlacement, moved_poses
 
 
 class MovingLines(Lines):
-    """Tensions and joint values to tendon lengths; see Lines.
+    """Tensions and joint values to midlines; see Lines.
 
-    Without loads the lengths do not depend on the base.
+    Without joint values, the base is that of the placement.
     """
 
     def __init__(
@@ -27,14 +32,31 @@ class MovingLines(Lines):
         super().__init__(placement.arm, scene, refinement, at, machine_code)
         self._placement = placement
 
+    def __call__(self, tensions: Array) -> Centreline | None:
+        """Return the centreline under tensions and joint values (n_tendons + 2,), or None."""
+        if self.loaded:
+            return super().__call__(tensions)
+        T, joints = self._split(tensions)
+        line = super().__call__(T)
+        if line is None or joints == self._placement.values:
+            return line
+        placement = self._placement.at(joints)
+        change = np.array(joints) - self._placement.values
+        poses = moved_poses(line.poses[None], self.arm, change[None])[0]
+        return replace(line, arm=placement.arm, poses=poses)
+
+    def _split(self, tensions: Array) -> tuple[Array, tuple[float, ...]]:
+        """Return the tensions and the joint values, by default those of the placement."""
+        n = self.arm.n_tendons
+        return tensions[:n], tuple(tensions[n:].tolist()) or self._placement.values
+
     def lengths(self, tensions: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m] for tensions and joint values."""
-        n = self.arm.n_tendons
-        return super().lengths(tensions if self.loaded else tensions[:n])
+        return super().lengths(tensions if self.loaded else self._split(tensions)[0])
 
     def _equilibrium(self, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium under tensions and joint values (n_tendons + 2,), or None."""
-        T, joints = tensions[: self.arm.n_tendons], tensions[self.arm.n_tendons :]
-        arm = self._placement.at(tuple(joints.tolist())).arm
+        T, joints = self._split(tensions)
+        arm = self._placement.at(joints).arm
         forward = Collocation(self._forward.system.with_base(arm))
-        return self._near(forward, T, tensions)
+        return self._near(forward, T, np.append(T, joints))

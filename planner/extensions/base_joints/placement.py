@@ -103,9 +103,8 @@ def placed(problem: PlanningProblem, joints: Any) -> PlanningProblem:
     Raises InputError for joints that the problem cannot have.
     """
     placement = placement_of(problem.arm, problem.scene, problem.targets, joints)
-    if problem.environment:
-        allowed = "None beside obstacles, clearance and self_clearance"
-        raise InputError("base", joints, allowed)
+    if problem.environment.of_itself:
+        raise InputError("base", joints, "None beside self_clearance: its base plane is fixed")
     return replace(problem, arm=placement.arm, placement=placement)
 
 

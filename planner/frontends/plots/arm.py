@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -65,8 +66,11 @@ def draw_arm(
     obstacles: tuple[Obstacle, ...] = (),
     nearest: Clearance | None = None,
     around: Array | None = None,
+    home: Arm | None = None,
 ) -> Array:
     """Draw the arm, loads, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m].
+
+    Planes of targets refer to the base of `home`, by default to that of the shape.
 
     The point nearest to an obstacle, or in collision, is marked; `nearest` is the clearance of a
     certificate. Planes are drawn around the points `around` (M, 3) [m]; the default is the arm.
@@ -79,7 +83,8 @@ def draw_arm(
     poses = shape.poses(s)
     obstacles = (*obstacles, *leaned_on(shape.scene))
     skin = _body(shape.arm, ax, s, poses)
-    goals = [draw_loads(shape, ax), *(draw_target(target, ax, shape) for target in targets)]
+    from_home = shape if home is None else replace(shape, arm=home)
+    goals = [draw_loads(shape, ax), *(draw_target(target, ax, from_home) for target in targets)]
     seen = np.vstack([skin, *goals])
     things = draw_obstacles(obstacles, ax, seen if around is None else around)
     mark_nearest(shape, obstacles, ax, nearest)

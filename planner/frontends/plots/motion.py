@@ -87,8 +87,8 @@ def plot_trajectory(motion: Any) -> Figure:
     """Draw a Trajectory: the arm and all waypoints in 3-D, and the tensions over time.
 
     The arm is in its last shape; thin lines are its midlines at the other waypoints, which have
-    numbers. Each section has a panel of tensions. Tendons of equal tension are drawn as one line
-    with alternating colours.
+    numbers. Each section has a panel of tensions, and each base joint a panel of its values.
+    Tendons of equal tension are drawn as one line with alternating colours.
     """
     question = motion.question
     last = motion.shape(motion.duration)
@@ -98,20 +98,23 @@ def plot_trajectory(motion: Any) -> Figure:
         [j for j in last.arm.tendons_of(i + 1) if taut[j]] for i in range(len(last.arm.sections))
     ]
     groups = [group for group in groups if group]
-    height = max(5.0, _PANEL * len(groups))
+    joints = [*question.placement.joints.names] if question.placement else []
+    n_tensions = max(len(groups), 1)
+    height = max(5.0, _PANEL * (len(groups) + len(joints)))
     figure = Figure(figsize=(10, height), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.14, 0.52, 0.78), projection="3d")
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
     points = [tips, *_draw_waypoints(motion, ax)]
-    points.append(draw_arm(last, ax, question.targets[-1], obstacles))
+    points.append(draw_arm(last, ax, question.targets[-1], obstacles, home=motion.arm))
     finish(ax, last, np.vstack(points), obstacles)
-    grid = figure.add_gridspec(
-        max(len(groups), 1), 1, left=0.60, right=0.90, bottom=0.6 / height, top=1 - 0.65 / height
-    )
+    sides = {"left": 0.60, "right": 0.90, "bottom": 0.6 / height, "top": 1 - 0.65 / height}
+    grid = figure.add_gridspec(n_tensions + len(joints), 1, **sides)
     panels = [figure.add_subplot(grid[row]) for row in range(grid.nrows)]
     for group, panel in zip(groups, panels, strict=False):
         plot_tensions_over_time(motion, group, panel)
+    for name, panel in zip(joints, panels[n_tensions:], strict=True):
+        _plot_joint(motion, name, panel)
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
     _number_stops(motion, panels[0])
@@ -202,6 +205,16 @@ def plot_tensions_over_time(motion: Any, tendons: Sequence[int], ax: Any) -> Non
         handlelength=1.4,
         columnspacing=0.8,
     )
+
+
+def _plot_joint(motion: Any, name: str, ax: Any) -> None:
+    """Draw the insertion [mm] or the rotation [deg] of the base over time [s]."""
+    is_insertion = name == "insertion"
+    values = 1e3 * motion.base[:, 0] if is_insertion else np.degrees(motion.base[:, 1])
+    ax.plot(motion.times, values, color=_COLOURS[0], lw=1.6)
+    for t in motion.times[list(motion.stops)]:
+        ax.axvline(t, color=INK, lw=0.6, ls=":", zorder=0.5)
+    set_labels(ax, y=f"{name} {'[mm]' if is_insertion else '[deg]'}")
 
 
 def equal_runs(values: Array, near: float) -> list[tuple[int, int, tuple[int, ...]]]:

@@ -90,7 +90,8 @@ def draw_plan(plan: Plan, ax: Any) -> Array:
     """Draw the arm of a plan, targets and obstacles; return points (N, 3) [m]."""
     result = plan.certificate.clearances.values()
     nearest = min(result, key=lambda clear: clear.gap, default=None)
-    return draw_arm(plan.shape, ax, plan.targets, plan.problem.environment.obstacles, nearest)
+    obstacles = plan.problem.environment.obstacles
+    return draw_arm(plan.shape, ax, plan.targets, obstacles, nearest, home=plan.arm)
 
 
 def save(figure: Figure, path: str | Path) -> Path:
