@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from octoplan.model.paths import SAME, Array, Linear, Path
 from octoplan.model.support.checks import SUCH
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.quantities import (
     Angle,
     AnglePaths,
@@ -21,6 +21,7 @@ from octoplan.model.support.quantities import (
     Positive,
     unit,
 )
+from octoplan.model.support.text import counted
 from octoplan.model.support.units import (
     ANGLE_AROUND,
     DENSITY,
@@ -84,8 +85,9 @@ class Anchorage:
         warn_unusual("Anchorage.angles", self.angles, ANGLE_AROUND)
         for name, each in (("offset", self.offset), ("turn", self.turn)):
             if isinstance(each, tuple) and len(each) != len(self.angles):
-                allowed = f"one for each of {len(self.angles)} tendons"
-                raise InputError(f"Anchorage.{name}", f"{len(each)} paths", allowed)
+                allowed = f"{len(self.angles)} paths, one for each tendon"
+                given = Described(counted(len(each), "path"))
+                raise InputError(f"Anchorage.{name}", given, allowed)
         turns = self.turn if isinstance(self.turn, tuple) else (self.turn,)
         ends = [(path.base, path.end) for path in turns if isinstance(path, Linear)]
         warn_unusual("Anchorage.turn", chain.from_iterable(ends), TURN)

@@ -14,8 +14,15 @@ from msgspec import Meta
 
 from octoplan.model.anchorage import Anchorage, Material, Profile, RestCurvature, Solid
 from octoplan.model.paths import Array, Linear, Path
-from octoplan.model.support.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.checks import (
+    LARGEST,
+    SMALLEST,
+    finite_array,
+    is_several,
+    numbers,
+    numbers_text,
+)
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.quantities import Frame, Length, LengthPath, Place
 from octoplan.model.support.text import HtmlRepr, columns, ends_text, shortened_lines
 from octoplan.model.support.units import (
@@ -188,7 +195,7 @@ class Arm(HtmlRepr):
         Raises InputError for another name.
         """
         if not isinstance(name, str) or name not in PAPER_ARMS:
-            raise InputError("arm", name, ", ".join(PAPER_ARMS))
+            raise InputError("name", name, f"one of {', '.join(PAPER_ARMS)}")
         return conical(*PAPER_ARMS[name])
 
     @cached_property
@@ -352,18 +359,18 @@ class Arm(HtmlRepr):
             raise InputError(name, values, allowed)
         rows = [numbers(name, row, allowed) for row in values]
         if any(row.ndim > 1 for row in rows):
-            raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", allowed)
+            raise InputError(name, Described(numbers_text((len(rows), *rows[0].shape))), allowed)
         flat = np.concatenate([np.zeros(0), *map(np.atleast_1d, rows)])
         are_rows = any(row.ndim for row in rows)
         is_flat = not are_rows and flat.size == self.n_tendons
         if not (is_flat or [row.size for row in rows] == counts):
             sizes = f" rows of {', '.join(str(row.size) for row in rows[:4])}"
-            raise InputError(name, f"{len(rows)}{sizes * are_rows} numbers", allowed)
+            raise InputError(name, Described(f"{len(rows)}{sizes * are_rows} numbers"), allowed)
         wrong = np.flatnonzero(~((flat >= 0) & (flat <= LARGEST)))
         if wrong.size:
             j = int(wrong[0])
-            most = f"a finite number, 0 or above, up to {LARGEST:g}"
-            raise InputError(f"{name}[{j}] ({self.tendon_name(j)})", float(flat[j]), most)
+            allowed = f"a number from 0 to {LARGEST:g}"
+            raise InputError(f"{name}[{j}] ({self.tendon_name(j)})", float(flat[j]), allowed)
         return flat
 
     @cached_property

@@ -9,7 +9,7 @@ from octoplan.model.effects.base import Effect
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.checks import kind
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.text import HtmlRepr
 from octoplan.model.support.value import value
 
@@ -42,14 +42,17 @@ class Scene(HtmlRepr):
         if len({*places}) < len(places):
             twice = next(place[0] for place in places if places.count(place) > 1)
             allowed = "each effect once (loads and masses: once at a place; contacts: a body once)"
-            raise InputError("Scene", twice, allowed)
+            raise InputError("Scene", Described(f"{twice} and {twice}"), allowed)
         for effect, each in zip(effects, kinds, strict=True):
             for other, reason in effect.needs():
                 if other not in kinds:
-                    raise InputError("Scene", each, f"{each} with {other}: {reason}")
+                    allowed = f"{each} with {other}: {reason}"
+                    raise InputError("Scene", Described(f"{each} without {other}"), allowed)
             for other, reason in effect.excludes():
                 if other in kinds:
-                    raise InputError("Scene", f"{each} and {other}", f"one of them: {reason}")
+                    raise InputError(
+                        "Scene", Described(f"{each} and {other}"), f"one of them: {reason}"
+                    )
         vars(self)["effects"] = tuple(sorted(effects, key=_place))
 
     @classmethod

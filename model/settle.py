@@ -35,6 +35,7 @@ from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.checks import finite, kind
 from octoplan.model.support.errors import (
     ConvergenceError,
+    Described,
     InputError,
     ShapeWarning,
     SnapError,
@@ -237,12 +238,12 @@ def _checked_near(problem: SettlingProblem) -> AnyEquilibrium:
     """Return the equilibrium of `near`; raise InputError if it is of another arm or scene."""
     near = problem.near
     scene = problem.scene
-    kind("near", near, Shape, "a Shape of the same arm and scene, or None")
+    kind("near", near, Shape, "a Shape of this arm and scene, or None")
     assert near is not None
     comparable = _comparable(near.scene) == _comparable(scene) or with_loads_of(scene, near.scene)
     if near.arm != problem.arm or not comparable:
-        allowed = "a shape of the same arm and scene, which may lack some of the loads"
-        raise InputError("near", "a shape of another arm or scene", allowed)
+        allowed = "a shape of this arm and scene; some of the loads may be absent"
+        raise InputError("near", Described("a shape of another arm or scene"), allowed)
     return near.equilibrium
 
 

@@ -35,6 +35,8 @@ STRETCH = "stretch"
 PEAK = "peak"
 TOTAL_PULL = "total pull"
 STROKES = "strokes"
+# Name of the collapse of the body among active limits.
+CRUSHED = "the body, which would be crushed (1 + q at its least)"
 # Least stretch 1 + q of a plan [-].
 PLANNED_STRETCH = 1e-3
 # Stretch above which a cross-section is far from collapse, so that no defect is added [-].
@@ -135,8 +137,7 @@ class LeastStretch(Block):
     ) -> list[tuple[float, str]]:
         """Return the collapse of the body, if some multiplier is not zero."""
         is_active = multipliers(STRETCH).min(initial=0.0) < -ACTIVE
-        name = "the body, which would be crushed (1 + q at its least)"
-        return [(np.inf, name)] if is_active else []
+        return [(np.inf, CRUSHED)] if is_active else []
 
     def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
         """Return the stretches of a shape; stretches far from collapse as on the mesh."""

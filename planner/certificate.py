@@ -196,7 +196,7 @@ class Certificate(HtmlRepr):
         below = f"stability below its margin of {least:g} by"
         unstable = below if self.stability >= 0 else "the arm does not stand; stability below 0 by"
         checks = [
-            (self.residual, self.tolerance, "target residual"),
+            (self.residual, self.tolerance, "target residual [L, rad]"),
             (-min(self.inequality.values(), default=0.0), self.tolerance, "inequality below 0 by"),
             (self.bounds, 0.0, "tension limit violated by [N]"),
             (self.strokes, self.tolerance, "stroke limit violated by [L]"),

@@ -101,7 +101,7 @@ class TendonLimits:
         # The sum has a rounding error.
         least = low.sum() * (1 - 1e-9)
         if total is not None and float(finite_array("total_pull", total, ())) < least:
-            raise InputError("total_pull", total, f"{low.sum():g} N, the sum of minima, or above")
+            raise InputError("total_pull", total, f">= {low.sum():g} N, the sum of the minima")
         return cls(tuple(high.tolist()), tuple(low.tolist()), total)
 
     def with_strokes(self, arm: Arm, most: Any, least: Any = None) -> TendonLimits:

@@ -11,6 +11,7 @@ import numpy as np
 from octoplan.model.shape import Shape
 from octoplan.model.support.progress import OUT_OF_TIME
 from octoplan.model.tendons import is_taut
+from octoplan.planner.blocks import CRUSHED
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.nlp_solution import STABILITY_TOLERANCE
 from octoplan.planner.problem import RESOLVED, tension_scales
@@ -28,7 +29,7 @@ def outcome(plan: Any) -> str:
         text += f"tensions jump by {100 * solution.jump:.0f} %."
     if solution.lost:
         text += f" An optimum {100 * solution.lost:.0f} % cheaper on the coarse mesh was lost on "
-        text += "finer ones: ask for more starts."
+        text += "finer meshes; pass more starts."
     text += plan.remarks
     if not plan.scene.effects:
         text += " Statics: bending alone, as in Scene()."
@@ -102,27 +103,28 @@ def _verdict(plan: Any, certificate: Certificate) -> str:
     if certificate.strokes > certificate.tolerance:
         over = _size(certificate.strokes, length)
         return (
-            "Not reached: no shape within the limits of strokes is found; the nearest one found "
-            f"passes them by {over}; {tried}"
+            f"Not reached: the nearest shape found exceeds the limits of strokes by {over}; widen "
+            f"these limits ({tried})"
         )
-    if plan.mode != "exact" and not certificate.attained:
-        missed = f"the nearest shape found is off in {_gaps(plan)}"
-        return f"Not reached: {missed}; {_reason(plan)}; {tried}"
+    if (plan.mode != "exact" or solution.stopped) and not certificate.attained:
+        missed = f"the nearest shape found misses {_gaps(plan)}"
+        return f"Not reached: {missed}; {_reason(plan)} ({tried})"
     if certificate.too_near:
         passed = (certificate.clearances[name] for name in certificate.too_near)
         nearest = min(passed, key=attrgetter("gap"))
         return (
-            f"Not clear: {nearest}; no way around it was found: move it or the target, "
-            f"raise the limits or ask for less clearance ({tried})"
+            f"Not clear: {nearest}; no shape around it was found; move the obstacle or lower the "
+            f"clearance ({tried})"
         )
     least = certificate.stability_margin
     if 0 <= certificate.stability < least - STABILITY_TOLERANCE:
         return (
-            f"Not stable enough: stability {certificate.stability:.3g}, asked {least:g}; "
-            f"raise the limits or ask for a lower margin ({tried})"
+            f"Not stable enough: stability {certificate.stability:.3g}, below the margin of "
+            f"{least:g}; lower stability_margin ({tried})"
         )
     failures = "; ".join(certificate.failures)
-    return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
+    remedy = "raise time_limit" if solution.stopped else "pass a finer accuracy"
+    return f"Not certified: {failures}; {remedy} ({tried})"
 
 
 def _verb(plan: Any) -> str:
@@ -136,10 +138,10 @@ def _success(plan: Any) -> str:
     soft, tolerance = certificate.soft_residual, certificate.tolerance
     met = max([certificate.residual, *soft.values()])
     if met <= tolerance:
-        return f": every target met to {met:.1e} (asked {tolerance:.0e})"
+        return f": every target met to {met:.1e} (accuracy {tolerance:.0e})"
     length = plan.problem.arm.length
     gaps = ", ".join(f"{name} {_size(value, length)}" for name, value in soft.items())
-    return f", as near as found: {gaps} ({_reason(plan)})"
+    return f" as near as possible: {gaps} ({_reason(plan)})"
 
 
 def _gaps(plan: Any) -> str:
@@ -148,14 +150,17 @@ def _gaps(plan: Any) -> str:
     gaps = []
     for name, value in certificate.equality.items():
         if value > certificate.tolerance:
-            size = f"{name} by {_size(value, length, certificate.units.get(name, ''))}"
+            size = f"the {name} by {_size(value, length, certificate.units.get(name, ''))}"
             texts = (target.describe_miss(name, plan.shape) for target in plan.targets)
             gaps.append(next(filter(None, texts), size))
     for name, value in certificate.inequality.items():
         if value < -certificate.tolerance:
-            share = f"{1 + value:.4g} times what is wanted found, "
-            ratio = share if name.endswith(OVER_WANTED) else ""
-            gaps.append(f"{name.removesuffix(OVER_WANTED)} ({ratio}short by {-value:.3g})")
+            size = f"the {name} by {-value:.3g}"
+            if name.endswith(OVER_WANTED):
+                required = f"{1 + value:.4g} times the required value"
+                size = f"the {name.removesuffix(OVER_WANTED)} ({required})"
+            texts = (target.describe_miss(name, plan.shape) for target in plan.targets)
+            gaps.append(next(filter(None, texts), size))
     return ", ".join(gaps)
 
 
@@ -178,27 +183,25 @@ def _reason(plan: Any) -> str:
     reasons = (
         (
             solution.stopped,
-            "the search was not at its end, a longer time limit may bring it nearer",
+            "the search was not finished; raise time_limit",
         ),
         (
             missed <= RESOLVED,
-            f"misses below {RESOLVED:.0e} of the arm's length are not resolved, so that the target "
-            "may be met; relax the accuracy",
+            f"misses below {RESOLVED:.0e} of the length are not resolved; relax the accuracy",
         ),
         (
             solution.in_the_way,
-            "not reached clear of the obstacles: the plan without them meets it, and "
-            f"{solution.in_the_way}; move them or the target, ask for less clearance or more "
-            "starts",
+            f"the plan without obstacles reaches the target, but {solution.in_the_way}; move the "
+            "obstacle",
         ),
         (
             solution.unstable,
-            f"every shape found that meets the target is {how_unstable}; stiffen the arm, lower "
-            "the loads or move the target",
+            f"every shape found that meets the target is {how_unstable}; lower the loads",
         ),
-        (holders, f"held by {holders}; widen these limits or move the target"),
+        (holders == CRUSHED, f"held by {CRUSHED}; move the target"),
+        (holders, f"held by {holders}; widen these limits"),
     )
-    no_limit = "no limit is active; move the target, or ask for more starts"
+    no_limit = "no limit is active; move the target"
     return next((text for is_so, text in reasons if is_so), no_limit)
 
 

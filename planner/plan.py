@@ -12,7 +12,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import kind, positive, within
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, reserve, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
@@ -161,9 +161,10 @@ def plan(
     if base is not None:
         problem = load(BASE_JOINTS)(problem, base)
     if near is not None:
-        kind("near", near, Plan, "a Plan for the same arm and scene, or None")
+        kind("near", near, Plan, "a Plan for this arm and scene, or None")
         if near.arm != arm or not strategy.is_continuable(near.scene, scene):
-            raise InputError("near", "a plan for another arm or scene", "one for the same")
+            given = Described("a plan for another arm or scene")
+            raise InputError("near", given, "a plan for this arm and scene")
         problem = strategy.adapted(problem, near)
     kind("certify", certify, bool, "True or False")
     with limited_to(seconds, reserves=certify):

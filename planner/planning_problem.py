@@ -21,7 +21,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
 from octoplan.planner.targets.base import Target
@@ -228,7 +228,7 @@ def checked_options(
     checks = (
         (
             not (unbounded and any(target.compliance_request() for target in targets)),
-            ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
+            ("tension_max", np.inf, "finite if a target requires a stiffness"),
         ),
         (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
         (starts is None or is_count, ("starts", starts, "a whole number from 1")),
@@ -246,12 +246,13 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
     """
     targets = tuple(target) if isinstance(target, tuple | list) else (target,)
     if not targets:
-        raise InputError("target", target, "at least one target")
+        raise InputError("target", target, "a target such as TipPosition(...), or several")
     prescribed = dict[str, int]()
     copies = list[Target]()
     for i, t in enumerate(targets):
         if not isinstance(t, Target):
-            raise InputError("target", t, "a target such as TipPosition(...)")
+            given = t if any(isinstance(each, Target) for each in targets) else target
+            raise InputError("target", given, "a target such as TipPosition(...), or several")
         t.check(arm)
         try:
             copies.append(deepcopy(t))
@@ -260,8 +261,9 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
             raise InputError("target", type(t).__name__, allowed) from reason
         for name in t.prescribed(arm):
             if name in prescribed:
-                allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
-                raise InputError(f"targets[{i}]", f"another {name}", allowed)
+                first = f"targets[{prescribed[name]}]"
+                allowed = f"the only target that prescribes it; {first} does, too"
+                raise InputError(f"targets[{i}]", Described(f"a {name}"), allowed)
             prescribed[name] = i
     if not TargetSet(arm, targets).tendons:
         raise InputError(

@@ -33,7 +33,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, initial_tolerance_factor, scene_of, settle
 from octoplan.model.shape import at_ends
 from octoplan.model.support.checks import LARGEST, is_several, literal, positive
-from octoplan.model.support.errors import CompilerError, InputError, OctoplanError
+from octoplan.model.support.errors import CompilerError, Described, InputError, OctoplanError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.model.support.progress import time_limit as limit_time
@@ -227,7 +227,11 @@ def settle_many(
             raise InputError(name, values, f"a set of {name} for each shape to settle")
     by, sets = ("tensions", tensions) if lengths is None else ("lengths", lengths)
     if tensions is not None and len(tensions) != len(sets):
-        raise InputError("tensions", f"{len(tensions)} sets", f"{len(sets)}, as of lengths")
+        raise InputError(
+            "tensions",
+            Described(f"{len(tensions)} sets"),
+            f"{len(sets)} sets, one for each set of lengths",
+        )
     if lengths is not None:
         options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
     if time_limit is not None:

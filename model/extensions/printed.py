@@ -33,7 +33,7 @@ from octoplan.model.stations import (
     stations,
     tendon_offsets,
 )
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.value import value
@@ -85,10 +85,10 @@ class PrintedStatics(Effect):
             raise InputError("Arm.rest_curvature", arm.rest_curvature, allowed)
         if any(arm.angle_paths):
             allowed = "tendons at constant angles: eqs. (10) and (11) are written for these"
-            raise InputError("Anchorage.turn", "tendons that turn", allowed)
+            raise InputError("Anchorage.turn", Described("helical tendons"), allowed)
         if arm.is_guided:
             allowed = "None, continuous guides, for the statics as printed"
-            raise InputError("Anchorage.guides", "tendons that run straight", allowed)
+            raise InputError("Anchorage.guides", Described("spacer discs"), allowed)
         if arm.cross_section is not None:
             allowed = "the solid circle: eqs. (10) and (11) are written for that"
             raise InputError("Arm.cross_section", arm.cross_section, allowed)
@@ -98,11 +98,13 @@ class PrintedStatics(Effect):
         allowed = (
             "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
         )
-        raise InputError("scene", "written as printed", allowed)
+        raise InputError("scene", Described("a scene as printed"), allowed)
 
     def check_responses(self) -> None:
         """See Effect."""
-        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+        raise InputError(
+            "scene", Described("a scene as printed"), "a scene whose equations hold under loads"
+        )
 
     def forward_map(
         self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool

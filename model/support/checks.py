@@ -8,28 +8,41 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 from numpy.typing import NDArray
 
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 
 # Largest and smallest absolute value of a quantity in SI units; products of several quantities
 # within these limits do not overflow or underflow.
 LARGEST = 1e30
 SMALLEST = 1e-30
+# Number of values up to which a message shows an array in place of its shape.
+_SHORT = 12
 
 
 def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Return a value as a float array of a shape, with None for any size."""
-    wanted = "x".join("n" if n is None else str(n) for n in shape) or "scalar"
-    array = numbers(field, value, f"numbers of shape {wanted}")
+    wanted = numbers_text(shape)
+    array = numbers(field, value, wanted)
     matches = array.ndim == len(shape) and all(
         n in (None, m) for n, m in zip(shape, array.shape, strict=True)
     )
     if not matches:
-        raise InputError(field, f"shape {array.shape}", f"shape {wanted}")
+        is_short = array.size <= _SHORT
+        raise InputError(field, value if is_short else Described(numbers_text(array.shape)), wanted)
     if not np.all(np.isfinite(array)):
-        raise InputError(field, value, "finite numbers")
+        raise InputError(field, value, "finite numbers" if shape else "a finite number")
     if array.size and np.abs(array).max() > LARGEST:
-        raise InputError(field, value, f"numbers up to {LARGEST:g} in size")
+        allowed = "numbers from" if shape else "a number from"
+        raise InputError(field, value, f"{allowed} {-LARGEST:g} to {LARGEST:g}")
     return array
+
+
+def numbers_text(shape: tuple[int | None, ...]) -> str:
+    """Return a description of numbers in an array of a shape, with None for any size."""
+    if not shape:
+        return "a number"
+    if shape == (None,):
+        return "a list of numbers"
+    return f"{' x '.join('n' if n is None else str(n) for n in shape)} numbers"
 
 
 def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
@@ -86,7 +99,7 @@ def is_several(value: Any) -> bool:
 
 def arc_lengths(value: Any) -> NDArray[np.float64]:
     """Return arc lengths s (N,) [m] of a scalar or (N,)."""
-    array = numbers("s", value, "arc lengths, a scalar or numbers of shape n")
+    array = numbers("s", value, "an arc length, or a list of them")
     return finite_array("s", np.atleast_1d(array), (None,))
 
 

@@ -20,12 +20,23 @@ def shortened(text: str, most: int = _LONG) -> str:
     return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"
 
 
+class Described(str):
+    """The description of a given value; messages show descriptions without quotes."""
+
+    __slots__ = ()
+
+
 def as_given(value: object) -> str:
-    """Return the representation of a value in messages."""
+    """Return the representation of a value in messages, in one line."""
+    if isinstance(value, Described):
+        return shortened(str(value))
     try:
-        return shortened(repr(value))
+        text = repr(value)
     except ValueError:  # an integer with more digits than Python converts to text
         return f"a {type(value).__name__} too long to show"
+    name = type(value).__name__
+    is_several = "\n" in text and not isinstance(value, str)
+    return f"a{'n' * (name[0] in 'AEIO')} {name}" if is_several else shortened(text)
 
 
 class OctoplanError(Exception):

@@ -204,7 +204,7 @@ def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
         except InputError as reason:
             if not several:
                 raise
-            allowed = f"{reason.allowed}, or a tuple of which each is that"
+            allowed = f"{reason.allowed}, or a tuple of these"
             raise InputError(reason.field, reason.given, allowed) from None
 
     return convert
@@ -296,7 +296,7 @@ def _items(hint: Any, least: int) -> Convert:
     """Return the converter of a tuple or a sequence with items that are not only numbers."""
     parts, is_endless = _parts(hint)
     each = [converter(part) for part in parts]
-    allowed = f"a tuple of which each is {such(bare(parts[0]))}" if is_endless else such(hint)
+    allowed = f"a tuple, each item {such(bare(parts[0]))}" if is_endless else such(hint)
 
     def convert(name: str, argument: Any) -> Any:
         if not is_several(argument) or not (is_endless or len(argument) == len(parts)):

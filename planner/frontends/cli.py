@@ -22,6 +22,7 @@ from octoplan.command_line import COMMANDS, app, printed
 from octoplan.model import InputError, OctoplanError
 from octoplan.model.support.errors import (
     CompilerError,
+    Described,
     MissingExtraError,
     TimeLimitError,
     shortened,
@@ -145,8 +146,8 @@ class FileOptions(Options):
     def __post_init__(self) -> None:
         """Raise InputError for a figure format without a folder."""
         if self.out is None and self.figure is not None:
-            allowed = f"--out DIR, the folder of the figure, with --figure {self.figure}"
-            raise InputError("--out", "nothing", allowed)
+            allowed = f"a folder for the figure, with --figure {self.figure}"
+            raise InputError("--out", Described("none"), allowed)
 
 
 @Parameter(name="*")

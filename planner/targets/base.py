@@ -204,7 +204,7 @@ class Target:
         return {}
 
     def describe_miss(self, name: str, shape: Shape) -> str:
-        """Return how far a shape misses an equality of `terms`, for the outcome of a plan.
+        """Return by how much a shape misses a residual of `terms`, for the outcome of a plan.
 
         An empty text stands for the name and the number in its unit.
         """

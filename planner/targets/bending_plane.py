@@ -105,12 +105,12 @@ class BendingPlane(Target):
         angle, bend, distance = self.measured(shape, s)
         place = "tip" if self.at == "tip" else f"anchorage of section {self.section}"
         if name == "bend":
-            return f"bend of the {place} by {abs(np.degrees(bend - self.bend)):.3g} deg"
+            return f"the bend of the {place} by {abs(np.degrees(bend - self.bend)):.3g} deg"
         if name != "bending plane":
             return ""
         turned = np.degrees(np.angle(np.exp(1j * (angle - self.angle))))
         return (
-            f"bending plane of the {place} by {abs(turned):.3g} deg "
+            f"the bending plane of the {place} by {abs(turned):.3g} deg "
             f"({1e3 * abs(distance):.3g} mm from the plane)"
         )
 

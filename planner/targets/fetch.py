@@ -11,8 +11,10 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
-from octoplan.model.support.errors import InputError
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.quantities import Angle, Place, unit
+from octoplan.model.support.text import counted
 from octoplan.model.support.units import ANGLE, warn_unusual
 from octoplan.model.support.value import value
 from octoplan.planner.targets.base import Target, Terms, View, check_near, toward
@@ -33,7 +35,7 @@ def stretches(arm: Arm) -> tuple[float, float, float, float]:
     """
     n = len(arm.sections)
     if n < 3:
-        raise InputError("arm.sections", n, "at least 3 anchorage sections for a fetch")
+        raise InputError("arm.sections", Described(counted(n, "section")), ">= 3 for a fetch")
     first = round(2 * n / 3)
     second = round(n / 3)
     return 0.0, arm.sections[first].at, arm.sections[second].at, arm.sections[0].at
@@ -105,6 +107,19 @@ class Fetch(Target):
         """See Target.prescribed."""
         return {"three bends": self.parameters(arm)}
 
+    def describe_miss(self, name: str, shape: Shape) -> str:
+        """See Target.describe_miss: the angle between a tangent and the wanted one."""
+        for i, bend in enumerate(("proximal", "medial", "distal")):
+            if name == f"{bend} bend":
+                start, end = stretches(shape.arm)[i : i + 2]
+                angle, plane = getattr(self, bend)
+                tangent = shape.frame(start).T @ shape.frame(end)[:, 0]
+                sin = np.sin(angle)
+                wanted = [np.cos(angle), -sin * np.sin(plane), sin * np.cos(plane)]
+                off = np.arctan2(np.linalg.norm(np.cross(tangent, wanted)), tangent @ wanted)
+                return f"the {name} by {np.degrees(off):.3g} deg"
+        return ""
+
 
 @value
 class FetchReach(Target):
@@ -159,4 +174,15 @@ class FetchReach(Target):
             inequality={"least bend": ca.vertcat(*bends)},
             high_priority=frozenset(equality),
             units={"distance from the plane": "L", "distance to the mouth": "L"},
+        )
+
+    def describe_miss(self, name: str, shape: Shape) -> str:
+        """See Target.describe_miss: the smallest of the three bends."""
+        if name != "least bend":
+            return ""
+        tangents = [shape.frame(s)[:, 0] for s in stretches(shape.arm)]
+        least = min(np.arccos(np.clip(a @ b, -1.0, 1.0)) for a, b in pairwise(tangents))
+        return (
+            f"the least bend by {np.degrees(self.bend - least):.3g} deg "
+            f"({np.degrees(least):.3g} deg found)"
         )

@@ -130,7 +130,7 @@ class MinimumStiffness(Target):
     hold: Hold = "tension"
     tendon_EA: Tension | None = None
 
-    stiffness_unit = "times what is wanted"
+    stiffness_unit = "times the required value"
 
     def __post_init__(self) -> None:
         _check_hold("MinimumStiffness", self.hold, self.tendon_EA)

@@ -64,8 +64,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         r"measured\[0\]: points\[0\] = \(0.0, None, None\): must be .* depend on arm.E_kPa",
     ),
     "no place": (measuring(points=[(0.1, (0, 0, 0))]), "all in m"),
-    "nothing measured": (measuring(points=[]), "points, frames, a tip"),
-    "two lengths": (measuring(lengths=[0.2, 0.2]), "one of each of 3"),
+    "nothing measured": (measuring(points=[]), "points, frames or a tip"),
+    "two lengths": (measuring(lengths=[0.2, 0.2]), "3 numbers, one for each"),
     "lengths in mm": (
         measuring(lengths=[0.2, 196.0, 0.2]),
         "lengths, T_12 = 196.0.*is it in mm",
@@ -91,11 +91,11 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "no deviation": (measuring(std=0.0), "above 0"),
     "driven by nothing": (
         measuring(tensions=None, tip=(0, 0, -0.1)),
-        "tensions, or else lengths or strokes",
+        "tensions, or else with lengths",
     ),
     "driven twice": (
         measuring(tensions=None, lengths=[0.2] * 3, strokes=[0.0] * 3),
-        "tensions, or else lengths or strokes",
+        "tensions, or else with lengths",
     ),
     "nothing unknown": (asking(), "at least one"),
     "what would part": (asking(Unknown("arm.length_mm", 190, 230)), "tie their keys"),

@@ -267,9 +267,13 @@ def test_the_limit_that_holds_a_task_is_named() -> None:
     [
         ([], [RADIUS], "at least one task"),
         (TipPosition((0.1, 0, 0)), [RADIUS], "a sequence of targets"),
-        ([TipPosition((0.1, 0, 0))], [Unknown("arm.base_position_mm[0]", -1, 1)], "but for its"),
+        (
+            [TipPosition((0.1, 0, 0))],
+            [Unknown("arm.base_position_mm[0]", -1, 1)],
+            "except its base",
+        ),
         ([TipPosition((0.1, 0, 0))], [Unknown("effects.weight.g[2]", -1, 1)], "weight"),
-        ([TipPosition((0.1, 0, 0))], [replace(RADIUS, prior=(5, 1))], "none in a design"),
+        ([TipPosition((0.1, 0, 0))], [replace(RADIUS, prior=(5, 1))], "without both in a design"),
         ([Backbone(((0.1, 0.0, 0.0),), (0.1,))], [RADIUS], "met exactly"),
     ],
 )

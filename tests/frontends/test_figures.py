@@ -35,6 +35,7 @@ from octoplan.planner.frontends.plots.ellipsoids import (
     visible_force,
 )
 from octoplan.planner.frontends.plots.motion import (
+    animate_trajectory,
     equal_runs,
     plot_tensions_over_time,
     plot_trajectory,
@@ -192,6 +193,16 @@ def test_all_waypoints_of_a_motion_are_marked(motion: Trajectory) -> None:
     assert [text.get_text() for text in ax.texts] == ["1", "2", "3"]
     panel = next(each for each in figure.axes if each.get_ylabel() == "tension [N]")
     assert [text.get_text() for text in panel.texts] == ["1", "2", "3"]
+
+
+def test_a_film_marks_all_waypoints_in_every_frame(motion: Trajectory) -> None:
+    film = animate_trajectory(motion, fps=1.0, seconds=2.0)
+    film._func(0)  # type: ignore[attr-defined]
+    (ax,) = (each for each in film._fig.axes if each.name == "3d")  # type: ignore[attr-defined]
+    marks = next(line for line in ax.get_lines() if line.get_marker() == "+")
+    tips = [1e3 * motion.shapes[stop].tip for stop in motion.stops]
+    np.testing.assert_allclose(np.transpose(marks.get_data_3d()), tips, atol=1e-3)
+    film._draw_was_started = True  # type: ignore[attr-defined]
 
 
 def test_each_section_has_a_panel_of_tensions(motion: Trajectory) -> None:

@@ -73,7 +73,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "a modulus past all numbers": (
         OWN + "sections = [{ at_mm = 300, offset_mm = [5, 4] }]\nE_kPa = 1e307",
-        "E_kPa = 1e+307: must be finite numbers",
+        "E_kPa = 1e+307: must be a finite number",
     ),
     "sections from base to tip": (
         OWN
@@ -82,9 +82,9 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "rows too few": (
         "tensions = [[0, 0, 0.5, 0], [4, 0, 0, 0]]\n" + ARM,
-        "tensions = '2 rows of 4, 4 numbers': must be 12 numbers, flat or a row per section",
+        "tensions = 2 rows of 4, 4 numbers: must be 12 numbers, flat or a row per section",
     ),
-    "numbers too few": ("tensions = [1, 2]\n" + ARM, " = '2 numbers': must be 12 numbers"),
+    "numbers too few": ("tensions = [1, 2]\n" + ARM, " = 2 numbers: must be 12 numbers"),
     "a tension below 0": ("tensions = [0, 0, -1, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n" + ARM, "T_13"),
     "one tension": ("tensions = 3\n" + ARM, "tensions = 3: must be a list"),
     "target of no type": (
@@ -122,8 +122,8 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "two targets that contradict": (
         ARM + TARGET.replace("[target]", "[[targets]]") + TARGET.replace("[target]", "[[targets]]"),
-        "targets[1] = 'another tip position': must be one target for it, not two: "
-        "targets[0] prescribes it",
+        "targets[1] = a tip position: must be the only target that prescribes it; "
+        "targets[0] does, too",
     ),
     **{
         f"an angle of {angle}": (
@@ -141,7 +141,7 @@ FILES: dict[str, tuple[str, str]] = {
     "a frame that is none": (
         ARM + "[target]\ntype = 'tip-pose'\nposition_mm = [1, 2, 3]\ntangent = [1, 0, 0]\n"
         "normal = [0.6, 0.8, 0]",
-        "normal = [0.6, 0.8, 0.0]: must be a vector at right angles to [1.0, 0.0, 0.0]",
+        "normal = [0.6, 0.8, 0.0]: must be a vector at right angles to tangent = [1.0, 0.0, 0.0]",
     ),
     "an accuracy of 1": ("accuracy = 1\n" + ARM, "accuracy = 1: must be a number up to 0.1"),
     "a time limit below 0": (

@@ -285,7 +285,7 @@ UNSOLVED: dict[str, tuple[str, list[str], str]] = {
     "a target out of reach": (
         SCENE + REACH.replace("2.0", "1e3"),
         ["plan", "--accuracy", "1e-3"],
-        "Not reached: the nearest shape found is off in tip position by",
+        "Not reached: the nearest shape found misses the tip position by",
     ),
     "a limit of time in the file": (
         "time_limit_s = 1e-9\n" + SCENE + REACH,

@@ -123,7 +123,7 @@ BROKEN: dict[str, tuple[tuple[Any, ...], Any, str]] = {
     "a list for a function of arc length": (
         ("question", "arm", "sections", 0, "offset"),
         [],
-        "question.arm: Anchorage.offset = '0 paths'",
+        "question.arm: Anchorage.offset = 0 paths",
     ),
     "another kind": (
         ("question", "scene", "effects", 0, "kind"),

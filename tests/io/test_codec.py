@@ -108,7 +108,7 @@ def test_an_obstacle_is_written_and_read_again(kind: type, data: st.DataObject) 
     target = TipPosition((0.3, 0.1, -0.1))
     given: dict[str, Any] = {"tension_max": 5.0, "obstacles": [obstacle]}
     if isinstance(obstacle, Moving):
-        with pytest.raises(InputError, match="Moving only in a trajectory"):
+        with pytest.raises(InputError, match="Moving obstacles only in a trajectory"):
             swept(ARM, Scene(), target=target, **given)
         given["waypoints"] = [table_of(target)]
     else:

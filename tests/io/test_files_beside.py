@@ -70,7 +70,7 @@ def test_obstacles_are_given_to_sweeps_as_objects() -> None:
     assert asked["clearance"] == pytest.approx(2e-3)
     moving = Moving(bodies[0], (0.0, 1.0), ((0.0, 0.0, 0.0), (0.0, 0.1, 0.0)))
     told = {"target": TipPosition((0.2, 0.1, 0.05)), "tension_max": 10.0, "obstacles": [moving]}
-    with pytest.raises(InputError, match="Moving only in a trajectory"):
+    with pytest.raises(InputError, match="Moving obstacles only in a trajectory"):
         sweep(ARM, scene=Scene(Extension()), axes={"arm.nu": [0.5]}, **told)
 
 

@@ -29,12 +29,12 @@ _NONE: list[Any] = [None]
 
 INCOMPRESSIBLE, PLACE = Scene(ExactTendons()), TipPosition((0.28, 0.05, 0.0))
 LENGTHS: list[tuple[str, str, dict[str, Any]]] = [
-    ("lengths[8] (T_31)", "0 or above", {"lengths": REST - 0.2}),
+    ("lengths[8] (T_31)", "a number from 0", {"lengths": REST - 0.2}),
     ("lengths", "12 numbers", {"lengths": REST[:5]}),
     ("lengths", "12 numbers", {"lengths": "long"}),
     ("lengths", "12 numbers", {"lengths": 0.3}),
     ("lengths", "12 numbers", {"lengths": [["0.3"] * 4] * 3}),
-    ("lengths[2] (T_13)", "0 or above", {"lengths": [0.3, 0.3, np.inf, *REST[3:]]}),
+    ("lengths[2] (T_13)", "a number from 0", {"lengths": [0.3, 0.3, np.inf, *REST[3:]]}),
     ("lengths[0] (T_11)", "a length or a tension", {"lengths": [*_NONE, *REST[1:]]}),
     (
         "lengths[0] (T_11)",

@@ -92,16 +92,16 @@ def test_scene_files_may_hold_some_tendons_by_tension(tmp_path: Path) -> None:
     [
         ("strokes_mm = [[0, 5, 0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]", "3 rows of 3, 4, 4"),
         ("strokes_mm = [1, 2, 3]", "3 numbers"),
-        (f"strokes_mm = {[1] * 13}", "strokes = '13 numbers'"),  # the last was left out
+        (f"strokes_mm = {[1] * 13}", "strokes = 13 numbers"),  # the last was left out
         (
             f"strokes_mm = {[*[1] * 11, 400]}",
-            r"T_34.*'400 mm': must be below \S+ mm, its length",
+            r"T_34.*400 mm: must be below \S+ mm, its length",
         ),
         (
             f"strokes_mm = {[*[1] * 11, 'inf']}".replace("'", ""),
-            r"T_34.*'inf mm': must be below",
+            r"T_34.*inf mm: must be below",
         ),
-        ("lengths_mm = [-1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]", "0 or above"),
+        ("lengths_mm = [-1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]", "a number from 0 to"),
         (f"strokes_mm = {STROKES}\nlengths_mm = {STROKES}", "omitted if lengths_mm are given"),
         (f"strokes_mm = {STROKES}\ntensions = {STROKES.replace('-', '')}", "None or nan"),
         ("tendon_EA = 100.0", "omitted without lengths_mm or strokes_mm"),

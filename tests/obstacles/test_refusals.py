@@ -54,7 +54,7 @@ MESHES: list[tuple[Any, Any, str]] = [
     (CORNERS, FACES - 1, "numbers of vertices"),
     (CORNERS, FACES + 0.5, "whole numbers"),
     (CORNERS, FACES[:2], "at least 4"),
-    (CORNERS[:, :2], FACES, "nx3"),
+    (CORNERS[:, :2], FACES, "n x 3 numbers"),
     (0 * CORNERS, FACES, "have an area"),
 ]
 ASKED: list[tuple[dict[str, Any], str, str]] = [
@@ -98,7 +98,7 @@ REFUSED: Refused = {
         "obstacles[0]",
         "would be 2 mm too near",
     ),
-    "contact with a mesh": (lambda: Contact(BOX), "Contact", "a Mesh is none"),  # type: ignore[arg-type]
+    "contact with a mesh": (lambda: Contact(BOX), "Contact", "not a Mesh"),  # type: ignore[arg-type]
     "a mesh in km": (lambda: Mesh.read(Path("a.stl"), "km"), "", "one of m, cm, mm, in"),
 }
 

@@ -85,8 +85,8 @@ def test_key_paths_find_values_and_their_units(
 @pytest.mark.parametrize(
     ("key", "told"),
     [
-        ("arm.E_kpa", 'in arm one of preset, .*; did you mean "E_kPa"?'),
-        ("arms.E_kPa", "in the scene one of .* arm, effects"),
+        ("arm.E_kpa", 'one of preset, .* in arm; did you mean "E_kPa"?'),
+        ("arms.E_kPa", "one of .* arm, effects, .* in the scene"),
         ("tensions[3][0]", r"in tensions \[0\] to \[2\]"),
         ("tensions[0][4]", r"in tensions\[0\] \[0\] to \[3\]"),
         ("tensions[0]", r"a single value, not all of tensions\[0\]: tensions\[0\]\[0\], "),

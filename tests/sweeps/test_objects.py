@@ -58,7 +58,7 @@ def test_bad_input_is_told(options: dict[str, Any], told: str) -> None:
 
 
 def test_a_file_and_objects_do_not_mix(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="omitted, or used with an Arm"):
+    with pytest.raises(InputError, match="omitted with a sweep file"):
         sweep(written(tmp_path, GRID), axes={"arm.E_kPa": [1.0]})
 
 
@@ -97,10 +97,10 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
 
 def test_a_scene_as_printed_is_refused_by_name(tmp_path: Path) -> None:
     given: dict[str, Any] = {"axes": {"arm.E_kPa": [100.0]}, "tensions": tensions()}
-    with pytest.raises(InputError, match="settle as printed"):
+    with pytest.raises(InputError, match="settle in a scene as printed"):
         sweep(ARM, scene=Scene.as_printed(), **given)
     axis = '[[sweep.axes]]\nkey = "effects.as_printed"\nvalues = [false, true]'
-    with pytest.raises(InputError, match="settle as printed"):
+    with pytest.raises(InputError, match="settle in a scene as printed"):
         sweep(written(tmp_path, axis))
 
 

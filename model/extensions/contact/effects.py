@@ -11,7 +11,7 @@ from octoplan.model.extensions.obstacles.base import Convex, convex_parameters
 from octoplan.model.paths import Array
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.scene import Scene
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.quantities import NotNegative
 from octoplan.model.support.value import value
 
@@ -104,10 +104,10 @@ class Contact(Effect):
         """See Effect."""
         if not contact:
             allowed = (
-                "a scene without contact, which settle, settle_many, stiffness, plan and "
-                "trajectory alone take"
+                "a scene without contact; settle, settle_many, stiffness, plan and trajectory "
+                "support contact"
             )
-            raise InputError("scene", "with contact", allowed)
+            raise InputError("scene", Described("a scene with contact"), allowed)
 
     def forward_map(
         self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
@@ -150,11 +150,10 @@ class SelfContact(Effect):
     def check_supported(self, contact: bool) -> None:
         """See Effect."""
         allowed = (
-            "a scene without SelfContact: where parts press on each other is found step by step "
-            "from rest, under tensions that are known, by settle alone; a plan or motion with "
-            "self_clearance=True keeps the arm clear of itself"
+            "a scene without SelfContact, which only settle with tensions supports; pass "
+            "self_clearance=True to keep a plan or motion clear of itself"
         )
-        raise InputError("scene", "with SelfContact", allowed)
+        raise InputError("scene", Described("a scene with SelfContact"), allowed)
 
     def settle(self, problem: SettlingProblem) -> Shape:
         """See Effect."""
@@ -167,7 +166,7 @@ def check_continuous_guides(arm: Arm) -> None:
     """Raise InputError for tendons that run straight between guides."""
     if arm.is_guided:
         allowed = "None, continuous guides, in a scene with contact"
-        raise InputError("Anchorage.guides", "tendons that run straight", allowed)
+        raise InputError("Anchorage.guides", Described("spacer discs"), allowed)
 
 
 def contacts(scene: Scene) -> tuple[Contact, ...]:

@@ -32,7 +32,12 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import SettlingProblem, settle_on_meshes
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
+from octoplan.model.support.errors import (
+    Described,
+    InputError,
+    OctoplanError,
+    UnsettledContactError,
+)
 from octoplan.model.support.progress import check_time, timeout
 
 # First, least and longest step in the load factor of the tensions.
@@ -129,7 +134,7 @@ def settle_with_self_contact(problem: SettlingProblem) -> Shape:
     """
     for name, value in (("lengths", problem.lengths), ("near", problem.near)):
         if value is not None:
-            raise InputError(name, "given with SelfContact", "none in a scene with SelfContact")
+            raise InputError(name, Described("given"), "None in a scene with SelfContact")
     arm = problem.arm
     alone = without_self_contact(problem.scene)
     check_loads(arm, alone)

@@ -16,7 +16,12 @@ from octoplan.model.forward import ForwardMap, ForwardMaps
 from octoplan.model.loads import is_path_dependent
 from octoplan.model.settle import SettlingProblem, settle_on_meshes
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import CollapsedError, InputError, UnsettledSectionError
+from octoplan.model.support.errors import (
+    CollapsedError,
+    Described,
+    InputError,
+    UnsettledSectionError,
+)
 from octoplan.model.support.units import TENDONS, warn_unusual
 
 
@@ -58,10 +63,10 @@ def _check_spans(end: Equilibrium, winches: Winches) -> None:
 def _checked_winches(problem: SettlingProblem) -> Winches:
     """Return the winches of a problem with lengths; raise InputError."""
     if problem.scene.has(PrintedStatics):
-        raise InputError("lengths", "given as printed", "tensions in a scene as printed")
+        raise InputError("lengths", Described("given"), "None in a scene as printed; pass tensions")
     if is_path_dependent(problem.scene):
-        allowed = "tensions in a scene whose contacts have friction"
-        raise InputError("lengths", "given with friction of contacts", allowed)
+        allowed = "None in a scene whose contacts have friction; pass tensions"
+        raise InputError("lengths", Described("given"), allowed)
     winches = Winches.of(
         problem.arm,
         problem.tensions,

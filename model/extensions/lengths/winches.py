@@ -16,7 +16,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Index
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import not_negative
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.quantities import NotNegative, Tension
 from octoplan.model.support.value import value
 from octoplan.model.tendons import arm_compliance, checked_EA
@@ -94,7 +94,7 @@ class Winches:
         for j in np.flatnonzero(held == pulled):
             both = bool(held[j])
             field = f"lengths[{j}] ({arm.tendon_name(int(j))})"
-            value = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
+            value = Described(f"{left[j]:g} m and a tension of {T[j]:g} N") if both else None
             allowed = "a length or a tension for each tendon, None or nan in place of the other"
             raise InputError(field, value, allowed)
         EA = np.inf if tendon_EA is None else checked_EA(tendon_EA)

@@ -27,8 +27,8 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.rotations import norm
-from octoplan.model.support.checks import SUCH, kind, numbers
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.checks import SUCH, kind, numbers, numbers_text
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
 # Number of parameters of a convex body: center (3,), axes (3, 3) column by column, half sizes (3,),
@@ -105,7 +105,7 @@ class Convex(Obstacle):
 
 
 SUCH[Obstacle] = "an obstacle such as a Sphere"
-SUCH[Convex] = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
+SUCH[Convex] = "a convex obstacle such as Capsule(start, end, radius), not a Mesh"
 
 
 def convex_parameters(obstacles: Sequence[Convex]) -> Array:
@@ -165,12 +165,10 @@ def signed_distance() -> ca.Function:
 def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
     """Return one or several obstacles as a tuple, or raise InputError."""
     result = (obstacles,) if isinstance(obstacles, Obstacle) else obstacles
-    if not isinstance(result, Sequence):
-        raise InputError("obstacles", obstacles, "a list of obstacles")
-    allowed = (
-        "an obstacle such as Sphere(center=(x, y, z), radius=r); what is Moving only in a "
-        "trajectory, as all else has no time"
-    )
+    allowed = "an obstacle such as Sphere(center=(x, y, z), radius=r)"
+    if not isinstance(result, Sequence) or isinstance(result, str):
+        raise InputError("obstacles", obstacles, f"a list of obstacles, each {allowed}")
+    allowed += "; Moving obstacles only in a trajectory"
     return tuple(kind(f"obstacles[{i}]", each, Obstacle, allowed) for i, each in enumerate(result))
 
 
@@ -192,5 +190,7 @@ def axes_with(direction: Array) -> Array:
 def _points(points: Any) -> Array:
     result = numbers("points", points, "points (..., 3) in m")
     if result.ndim == 0 or result.shape[-1] != 3:
-        raise InputError("points", f"shape {result.shape}", "shape (..., 3)")
+        raise InputError(
+            "points", Described(numbers_text(result.shape)), "3 coordinates [m], or rows of 3"
+        )
     return result

@@ -25,7 +25,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import SMALLEST
-from octoplan.model.support.errors import InputError, OctoplanError
+from octoplan.model.support.errors import Described, InputError, OctoplanError
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import tendon_lengths
 from octoplan.planner.extensions.avoidance.strain_bounds import estimated, proven
@@ -47,7 +47,7 @@ class Lines:
     ) -> None:
         if scene.has(PrintedStatics):
             allowed = "a scene whose statics are consistent: motions as printed are not cleared"
-            raise InputError("scene", "written as printed", allowed)
+            raise InputError("scene", Described("a scene as printed"), allowed)
         self.arm, self.scene, self.loaded = arm, scene, is_loaded(arm, scene)
         self._machine_code = machine_code
         self._forward: Any = (

@@ -10,7 +10,7 @@ from msgspec import Meta
 from scipy.spatial.transform import Rotation
 
 from octoplan.model.arm import Arm
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.quantities import NotNegative, Positive, unit
 from octoplan.model.support.units import ANGLE, STROKE, length_text, warn_unusual
 from octoplan.model.support.value import value
@@ -71,7 +71,7 @@ class BaseJoints:
     def __post_init__(self) -> None:
         if self.insertion is None and self.rotation is None:
             allowed = "an insertion, a rotation, or both, such as insertion=(0, 0.05)"
-            raise InputError("BaseJoints", "no joint", allowed)
+            raise InputError("BaseJoints", Described("no joint"), allowed)
         for name in ("insertion", "rotation"):
             limits = getattr(self, name)
             rate = f"{name}_rate"

@@ -18,8 +18,8 @@ from octoplan.model.forward import checked_accuracy, estimate
 from octoplan.model.loads import convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.settle import checked_scene
-from octoplan.model.support.checks import kind, not_negative
-from octoplan.model.support.errors import OctoplanError, SnapError
+from octoplan.model.support.checks import kind, not_negative, such
+from octoplan.model.support.errors import Described, OctoplanError, SnapError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import OutOfTime, limited, report, with_progress
 from octoplan.model.tendons import checked_EA
@@ -137,7 +137,7 @@ def calibrate(
     """
     scene = supported_scene(arm, scene)
     if not isinstance(loss, str) or loss not in get_args(Loss):
-        raise InputError("loss", loss, ", ".join(get_args(Loss)))
+        raise InputError("loss", loss, such(Loss))
     if not (isinstance(starts, int) and 1 <= starts <= 1000):
         raise InputError("starts", starts, "a whole number from 1 to 1000")
     shapes = checked_shapes(arm, measured)
@@ -214,7 +214,9 @@ def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
     """Return a scene whose equations have parameter derivatives, or raise InputError."""
     scene = checked_scene(arm, scene)
     if scene.has(PrintedStatics):
-        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+        raise InputError(
+            "scene", Described("a scene as printed"), "a scene whose equations hold under loads"
+        )
     return scene
 
 

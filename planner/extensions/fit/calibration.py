@@ -319,7 +319,8 @@ class Calibration(TextRepr, Fitted):
     def _check_session(self, session: str) -> None:
         sessions = {shape.session for shape in self.measured}
         if session and session not in sessions:
-            raise InputError("session", session, ", ".join(sorted(sessions - {""})) or "none")
+            names = ", ".join(sorted(sessions - {""}))
+            raise InputError("session", session, f"one of {names}" if names else "omitted")
 
     def _predicted(self, there: Evaluation, count: int) -> Prediction:
         """Return the prediction of the first `count` places of an evaluation's only shape."""

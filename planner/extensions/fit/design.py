@@ -12,7 +12,7 @@ import numpy as np
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import kind
-from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.errors import Described, OctoplanError
 from octoplan.model.support.progress import (
     GRACE,
     OutOfTime,
@@ -158,9 +158,10 @@ def _checked(arm: Arm, scene: Scene, unknowns: Iterable[Unknown]) -> Parameters:
     parameters = Parameters.of(arm, scene, unknowns)
     for unknown in parameters.unknowns:
         if unknown.prior or unknown.session is not None:
-            raise InputError(unknown.name, "a prior or session", "none in a design")
+            given = Described("an unknown with prior or session")
+            raise InputError(unknown.name, given, "without both in a design")
         if not all(k.startswith("arm.") and not k.startswith("arm.base") for k in unknown.keys):
-            raise InputError("key", unknown.name, "numbers of the arm but for its base")
+            raise InputError("key", unknown.name, "a number of the arm, except its base")
     return parameters
 
 

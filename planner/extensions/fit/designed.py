@@ -10,6 +10,7 @@ import numpy as np
 from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import stiffness
+from octoplan.model.support.errors import Described
 from octoplan.model.support.text import TextRepr, counted
 from octoplan.planner.extensions.fit.design_program import DesignProgram
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
@@ -104,7 +105,9 @@ class Design(TextRepr):
         if self.objective != "effort":
             raise InputError("design", self.objective, "a design for the least effort")
         if not self.feasible:
-            raise InputError("design", "tasks that are not met", "a design that meets all tasks")
+            raise InputError(
+                "design", Described("a design that misses tasks"), "a design that meets all tasks"
+            )
         tasks = [plan.targets for plan in self.plans]
         limits = self.plans[0].problem.limits
         program = DesignProgram(self.parameters, tasks, limits, self.manufacturing)

@@ -13,6 +13,7 @@ from octoplan.model import Arm, InputError
 from octoplan.model.extensions.lengths.winches import split_missing
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import SUCH, is_several, kind, orthonormal
+from octoplan.model.support.errors import Described
 from octoplan.model.support.quantities import Matrix, NotNegative, Positive, Vector
 from octoplan.model.support.units import DISTANCE
 from octoplan.model.support.value import Rule, value
@@ -157,8 +158,11 @@ class Measured:
     def __post_init__(self) -> None:
         name = f"Measured {self.name}".rstrip()
         if self.tensions is None and (self.lengths is None) == (self.strokes is None):
-            allowed = "tensions, or else lengths or strokes (one of both), that the arm settles by"
-            raise InputError(name, None, allowed)
+            given = Described("a shape without tensions, lengths and strokes")
+            if self.lengths is not None:
+                given = Described("a shape with lengths and strokes")
+            allowed = "a shape with tensions, or else with lengths or strokes"
+            raise InputError(name, given, allowed)
         if self.tensions is None and not self.by_length:
             kind = "strokes" if self.lengths is None else "lengths"
             raise InputError(f"{name}: {kind}", self.winch_readings, "a number of some tendon")
@@ -171,8 +175,8 @@ class Measured:
                 allowed = "a tension, or a length or stroke of this tendon; 0 if it is slack"
                 raise InputError(f"{name}: tensions[{j}]", None, allowed)
         if not self.size:
-            allowed = "points, frames, a tip; with tensions also lengths or strokes"
-            raise InputError(name, "nothing", allowed)
+            allowed = "points, frames or a tip; with tensions, lengths or strokes suffice"
+            raise InputError(name, Described("no measurement"), allowed)
 
     @property
     def by_length(self) -> bool:
@@ -374,8 +378,8 @@ def _flattened(values: Any) -> tuple[Any, ...]:
 def _check_lengths(arm: Arm, where: str, lengths: Sequence[float | None]) -> None:
     """Raise InputError for lengths or strokes of wrong number or implausible size."""
     if len(lengths) != arm.n_tendons:
-        allowed = f"one of each of {arm.n_tendons} tendons"
-        raise InputError(where, f"{len(lengths)} numbers", allowed)
+        allowed = f"{arm.n_tendons} numbers, one for each tendon"
+        raise InputError(where, Described(f"{len(lengths)} numbers"), allowed)
     sizes = np.abs(np.array(lengths, dtype=float))
     if np.isnan(sizes).all():
         raise InputError(where, lengths, "a number of some tendon")
@@ -397,7 +401,7 @@ def _check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
     far = float(away[is_complete].max(initial=0.0))
     if far < DISTANCE.least * ends.max(initial=0.0):
         allowed = f"places in m; the arm is {arm.length:g} m long: are they 1000 times too small?"
-        raise InputError("points", f"all within {far:.3g} m of the base", allowed)
+        raise InputError("points", Described(f"all within {far:.3g} m of the base"), allowed)
 
 
 def _in_mm(ratio: float) -> str:

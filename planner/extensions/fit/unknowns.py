@@ -242,7 +242,7 @@ class Parameters:
     def multistart(self, count: int, seed: int) -> list[Array]:
         """Return the given values (K,), then values that are spread evenly over the bounds."""
         if not isinstance(seed, int) or seed < 0:
-            raise InputError("seed", seed, "a whole number of at least 0")
+            raise InputError("seed", seed, "a whole number >= 0")
         if count == 1:
             return [self.start]
         from scipy.stats import qmc  # slow to import: as long as the rest of a plan's imports

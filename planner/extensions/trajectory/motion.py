@@ -10,7 +10,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.loads import has_complementarity
 from octoplan.model.scene import Scene
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, limited, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
@@ -196,4 +196,4 @@ def _check_fixed_base_options(question: Question) -> None:
     }
     for name, is_given in given.items():
         if is_given:
-            raise InputError(name, "given", "omitted beside base joints")
+            raise InputError(name, Described("given"), "omitted beside base joints")

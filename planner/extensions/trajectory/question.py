@@ -19,8 +19,9 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import finite_array, kind, positive
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError, as_given
 from octoplan.model.support.progress import OutOfTime
+from octoplan.model.support.text import counted
 from octoplan.model.support.units import STROKE, warn_unusual
 from octoplan.planner.block import Block, Constraints
 from octoplan.planner.entry_points import LOAD_WAYPOINTS, load
@@ -86,8 +87,10 @@ class Rates:
             allowed = "None beside quasi_static=True, which sets it"
             raise InputError("tip_acceleration_max", tip, allowed)
         each = each_tendon(arm, "rate_max", np.inf if tension is None else tension)
-        if not each.min() > 0:
-            raise InputError("rate_max", each.tolist(), "numbers above 0 N/s")
+        for j in np.flatnonzero(each <= 0):
+            is_one = np.ndim(tension) == 0
+            field = "rate_max" if is_one else f"rate_max[{j}] ({arm.tendon_name(int(j))})"
+            raise InputError(field, float(each[j]), "a number above 0 [N/s]")
         options = {
             "stroke_rate_max": stroke,
             "stroke_acceleration_max": acceleration,
@@ -224,9 +227,10 @@ class Question:
         """
         steps = needed if self.steps is None else self.steps
         for i in np.flatnonzero(needed > steps * (1 + self.accuracy)):
+            before = float(steps[:i].sum())
             allowed = (
-                f"{needed[i]:.4g} s after the target before at these rates, not {steps[i]:.4g} s; "
-                f"or rates {(needed / steps).max():.3g} times as high"
+                f">= {before + needed[i]:.4g} s, {needed[i]:.4g} s after the target before; or "
+                f"raise the limits of rates {(needed / steps).max():.3g} times"
             )
             raise InputError(f"times[{i}]", float(steps[: i + 1].sum()), allowed)
 
@@ -262,7 +266,11 @@ class Question:
         if not missed:
             return result
         place = f"targets[{i}]" + (len(missed) > 1) * f" to [{i + len(missed) - 1}]"
-        raise InputError(place, "not reached", f"targets that can be met: {missed[0].outcome}")
+        targets = [plan.targets for plan in missed]
+        texts = (as_given(each[0] if len(each) == 1 else each) for each in targets)
+        given = Described(", ".join(texts))
+        outcome = missed[0].outcome
+        raise InputError(place, given, f"within reach. {outcome}")
 
     def shape(self, controls: Array, near: Shape | None) -> Shape:
         """Settle under tensions (n_tendons,), and at joint values of the base if any.
@@ -358,15 +366,19 @@ def checked_times(
         raise InputError("base", joints, allowed)
     if times is None and not limited:
         allowed = (
-            "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "
-            "for the least time, or times [s]"
+            "a rate of tensions [N/s] for the least time; or pass another limit of rates or "
+            "accelerations, or times [s]"
         )
-        raise InputError("times", None, allowed)
+        raise InputError("rate_max", None, allowed)
     if times is None:
         return None
-    checked = finite_array("times", times, (count,))
+    given = finite_array("times", times, (None,))
+    if given.size != count:
+        allowed = f"{counted(count, 'time')}, one for each target"
+        raise InputError("times", given.tolist(), allowed)
+    checked = given
     for i in np.flatnonzero(np.diff(checked, prepend=0.0) <= 0):
-        allowed = "times above 0 that increase, one for each target"
+        allowed = f"above {checked[i - 1] if i else 0:g} s: times increase from target to target"
         raise InputError(f"times[{i}]", float(checked[i]), allowed)
     return checked
 
@@ -379,5 +391,5 @@ def checked_start(arm: Arm, start: Any, limits: TendonLimits) -> Array:
         kind("start", start, Iterable, "a Plan, or tensions [N]")
         return arm.flat(start, "start")
     if start.arm != arm:
-        raise InputError("start", "a plan for another arm", "one for the same")
+        raise InputError("start", Described("a plan for another arm"), "a plan for this arm")
     return np.ravel(start.tensions)

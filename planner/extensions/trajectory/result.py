@@ -19,7 +19,7 @@ from octoplan.model.stiffness import stiffness
 from octoplan.model.support.checks import finite_array
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, track
-from octoplan.model.support.text import TextRepr, plotted
+from octoplan.model.support.text import TextRepr, counted, plotted
 from octoplan.planner.entry_points import SAVE_TRAJECTORY, load
 from octoplan.planner.extensions.trajectory.certificate import (
     SAMPLED,
@@ -154,10 +154,10 @@ class Trajectory(TextRepr):
     def outcome(self) -> str:
         """Result of the planning and one remedy, in a sentence or two."""
         certificate = self.certificate
-        result = f"{self.duration:.4g} s for {len(self.stops)} targets"
+        result = f"{self.duration:.4g} s for {counted(len(self.stops), 'target')}"
         said = f"Reached: {result}, every target met, limits, rates and clearance kept."
         if not certificate.passed:
-            advice = "give it more time, room or tension, or move what is missed"
+            advice = "pass longer times or lower rates"
             if certificate.problem == OUT_OF_TIME:
                 advice = "raise time_limit"
             said = f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."
@@ -178,13 +178,14 @@ class Trajectory(TextRepr):
         shortest = float(between[between > 0].min(initial=np.inf))
         if is_slow and shortest < self.period:
             return (
-                f" Slow enough to be quasi-static by the tip's acceleration, some {factor}, "
-                f"but not by the arm's slowest period of {period}: the shortest way takes "
-                f"{shortest:.2g} s, give it more time."
+                f" Slow enough to be quasi-static by the acceleration of the tip, {factor}, but "
+                f"not by the slowest period of the arm, {period}: the shortest leg takes "
+                f"{shortest:.2g} s; pass longer times."
             )
+        remedy = "" if is_slow else "; pass quasi_static=True"
         return (
             f" {'Slow' if is_slow else 'Not slow'} enough to be quasi-static: the tip "
-            f"accelerates by some {factor}, the arm's slowest period {period}."
+            f"accelerates by {factor}, the slowest period of the arm is {period}{remedy}."
         )
 
     def at(self, t: Any) -> Array:

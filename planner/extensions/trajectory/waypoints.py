@@ -26,7 +26,7 @@ from octoplan.model.loads import is_loaded, is_path_dependent
 from octoplan.model.paths import Array
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import CollapsedError, InputError, OctoplanError
+from octoplan.model.support.errors import CollapsedError, Described, InputError, OctoplanError
 from octoplan.model.support.progress import report, track
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
@@ -218,14 +218,15 @@ def planned_touching(question: Question) -> list[Waypoint]:
 
     of_places = np.isfinite(question.rates.of_places)
     if question.surroundings:
-        allowed = "none in a scene with contact: there they are effects"
-        raise InputError("obstacles", "given", allowed)
+        allowed = "omitted in a scene with contact; add Contact(obstacle) to the scene"
+        raise InputError("obstacles", Described("given"), allowed)
     if of_places.any():
         name = "stroke_rate_max" if of_places[:2].any() else "tip_acceleration_max"
-        raise InputError(name, "given", "rate_max or times in a scene with contact")
+        allowed = "None in a scene with contact; pass rate_max or times"
+        raise InputError(name, Described("given"), allowed)
     if is_path_dependent(question.scene) and question.begin is None:
         if not np.array_equal(question.start, question.limits.lower):
-            allowed = "with friction of contacts the plan that the arm moves from, or none"
+            allowed = "a plan of the arm, or None, in a scene with friction of contacts"
             raise InputError("start", question.start.tolist(), allowed)
         from_rest(question.arm, question.start, question.scene, "start")
     near = question.begin

@@ -30,7 +30,7 @@ from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.paths import SAME, Array
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.units import warn
 
 # Effects of the cross-section, which the springs represent.
@@ -74,7 +74,7 @@ def left_out_of_mjcf(shape: Shape) -> tuple[str, ...]:
             allowed += "; replace contacts by a PointLoad with each force of shape.contacts"
         else:
             allowed += "; settle the arm without this effect"
-        raise InputError("scene", f"with {_names(refused)}", allowed)
+        raise InputError("scene", Described(f"a scene with {_names(refused)}"), allowed)
     sentences = []
     if shape.scene.has(Current):
         sentences.append("Current is constant in MJCF: its forces are those on the settled shape")

@@ -252,7 +252,7 @@ def export(
     /,
     *,
     to: Folder,
-    what: Annotated[Literal["map", "plan"] | What, Parameter(help=_WHAT)] = "map",
+    what: Annotated[Literal["map", "plan", What], Parameter(help=_WHAT)] = "map",
     links: int = 30,
     precision: Precision = "double",
     accuracy: Accuracy | None = None,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from octoplan.model import Shape, settle
 from octoplan.model.stiffness import Stiffness, stiffness
-from octoplan.model.support.errors import FileError
+from octoplan.model.support.errors import FileError, InputError
 from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.io.codec import names_of
@@ -24,8 +26,10 @@ _EXAMPLES = {
     "limits": "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)",
     "waypoints": '[[waypoints]] tables, such as type = "tip-position", '
     "position_mm = [250, 0, -150]",
-    "motion": "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s",
+    "motion.rate_max": "a rate of tensions (N/s), or another limit of rates or times_s in [motion]",
 }
+# Keys in files of arguments of trajectory, in the units of the arguments.
+_MOTION = {"times": "motion.times_s", "rate_max": "motion.rate_max"}
 
 
 def check_complete(question: SceneFile, *keys: str) -> None:
@@ -34,7 +38,7 @@ def check_complete(question: SceneFile, *keys: str) -> None:
         "target": question.targets,
         "limits": "limits" in question.options,
         "waypoints": question.waypoints,
-        "motion": any(question.options.get(name) for name in names_of(MotionTable)),
+        "motion.rate_max": any(question.options.get(name) for name in names_of(MotionTable)),
         "tensions": question.tensions is not None,
     }
     for key in keys:
@@ -57,8 +61,21 @@ def check_drive(question: SceneFile) -> None:
 
 def _computed(question: SceneFile, function: Callable[..., R], argument: Any, **more: Any) -> R:
     """Return the result of a function for a scene file, given tensions or targets."""
-    with error_context(question.name, ""):
+    with error_context(question.name, ""), _keys_of_motion():
         return function(question.arm, argument, question.scene, **question.of(function) | more)
+
+
+@contextmanager
+def _keys_of_motion() -> Iterator[None]:
+    """Name the key in the file if an argument of trajectory is wrong."""
+    try:
+        yield
+    except InputError as reason:
+        name = re.match(r"\w*", reason.field)[0]  # type: ignore[index]
+        if isinstance(reason, FileError) or name not in _MOTION:
+            raise
+        field = reason.field.replace(name, _MOTION[name], 1)
+        raise InputError(field, reason.given, reason.allowed) from None
 
 
 def run_settle(question: SceneFile) -> Shape:
@@ -81,5 +98,5 @@ def run_plan(question: SceneFile) -> Plan:
 
 def run_trajectory(question: SceneFile) -> Trajectory:
     """Return the trajectory for a scene file; FileError without waypoints, motion or limits."""
-    check_complete(question, "waypoints", "motion", "limits")
+    check_complete(question, "waypoints", "motion.rate_max", "limits")
     return _computed(question, trajectory, list(question.waypoints))

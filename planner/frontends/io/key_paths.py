@@ -147,7 +147,7 @@ def _refused(value: Any, step: Step, here: str) -> str:
     """Return the reason for which a step of a path is invalid; empty if the step is valid."""
     if isinstance(value, dict):
         allowed = list(value)
-        text = f"in {here} one of {', '.join(allowed)}{hint(step, allowed)}"
+        text = f"one of {', '.join(allowed)} in {here}{hint(step, allowed)}"
         return "" if step in value else text
     if isinstance(value, list):
         if isinstance(step, int) and step < len(value):

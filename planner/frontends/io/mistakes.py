@@ -46,7 +46,7 @@ _WORDS: dict[type[inspect.Type], str] = {
 }
 _SIGNS: dict[str, Any] = {
     "gt": (operator.gt, "above"),
-    "ge": (operator.ge, "of at least"),
+    "ge": (operator.ge, ">="),
     "lt": (operator.lt, "below"),
     "le": (operator.le, "up to"),
 }
@@ -107,9 +107,14 @@ def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
     allowed = " or ".join(dict.fromkeys(words))
     about = about_type(type_at(table, where, root))
     if any("a list" in item for item in words) and about:
-        allowed = f"{allowed}: {about}"
+        allowed += f" {about}" if about.startswith("[") else f" ({_uncapitalised(about)})"
     problem = f"must be {allowed}{hint(value, options)}"
     return FileError(name, path or "the file", problem, shown(value))
+
+
+def _uncapitalised(text: str) -> str:
+    """Return a text with a small first letter, unless the first word is a symbol."""
+    return text[0].lower() + text[1:] if text[1:2].islower() or text[1:2] == " " else text
 
 
 def shown(value: Any) -> str:
@@ -125,7 +130,8 @@ def _words(kind: inspect.Type, value: Any) -> str:
         example = "{} for the defaults, or a table" if needs_none else "a table { ... }"
         return f"{example} of the keys {', '.join(keys_in(kind))}"
     if isinstance(kind, inspect.TupleType):
-        return f"a list of {len(kind.item_types)}"
+        are_numbers = all(isinstance(k, inspect.FloatType) for k in kind.item_types)
+        return f"a list of {len(kind.item_types)}{' numbers' * are_numbers}"
     least = getattr(kind, "min_length", None) or 0
     if isinstance(value, list) and len(value) < least:
         return f"a list of at least {least}"

@@ -20,7 +20,7 @@ from octoplan.model.extensions import public_extensions as model_extensions
 from octoplan.model.extensions.cross_sections import Rectangle, SectionStiffness, Tube
 from octoplan.model.extensions.obstacles import Box, Mesh, Moving
 from octoplan.model.extensions.obstacles.base import Convex, Obstacle
-from octoplan.model.support.errors import FileError, InputError
+from octoplan.model.support.errors import Described, FileError, InputError
 from octoplan.model.support.quantities import Vector
 from octoplan.planner.extensions import public_extensions as planner_extensions
 from octoplan.planner.frontends.io.codec import (
@@ -50,18 +50,20 @@ _ROUNDED = 2e-3
 VECTOR: Any = type_in_file(Vector)
 
 
-def frame(tangent: Numbers, normal: Numbers) -> Frame:
+def frame(tangent: Numbers, normal: Numbers, place: str = "") -> Frame:
     """Return the frame (3, 3) with columns t, n and t x n, row by row.
 
     Vectors may be rounded to three digits; larger deviations from orthonormality raise InputError.
+    `place` is the key path of the table in front of both keys.
     """
     t = np.array(tangent)
     n = np.array(normal)
     for key, vector in (("tangent", t), ("normal", n)):
         if not abs(np.linalg.norm(vector) - 1) < _ROUNDED:
-            raise InputError(key, vector.tolist(), "a vector of length 1")
+            raise InputError(f"{place}{key}", vector.tolist(), "a vector of length 1")
     if not abs(t @ n) < _ROUNDED:
-        raise InputError("normal", n.tolist(), f"a vector at right angles to {t.tolist()}, tangent")
+        allowed = f"a vector at right angles to tangent = {t.tolist()}"
+        raise InputError(f"{place}normal", n.tolist(), allowed)
     t = t / np.linalg.norm(t)
     n = n - (t @ n) * t
     n = n / np.linalg.norm(n)
@@ -99,7 +101,9 @@ FrameTable: Any = struct(
 
 
 def _base(value: Any, rotation_deg: Numbers) -> Frame:
-    base: Frame = PAPER_FRAME if value is None else frame(value.tangent, value.normal)
+    base: Frame = PAPER_FRAME
+    if value is not None:
+        base = frame(value.tangent, value.normal, "base_frame.")
     if not any(rotation_deg):
         return base
     rotated = np.array(base) @ Rotation.from_rotvec(np.radians(rotation_deg)).as_matrix()
@@ -158,7 +162,7 @@ def arm_of(argument: Any) -> Arm:
         raise InputError("preset", argument.preset, allowed)
     if argument.preset is None and missing:
         allowed = f"a preset ({', '.join(_PRESETS)}), or length_mm, radius_mm and sections"
-        raise InputError("arm", f"no {', no '.join(missing)}", allowed)
+        raise InputError("arm", Described(f"no {', no '.join(missing)}"), allowed)
     result = arguments_of(argument)
     if argument.preset is not None:
         like = _PRESETS[argument.preset]

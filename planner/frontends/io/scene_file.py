@@ -14,7 +14,7 @@ import numpy as np
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.loads import check_arm
-from octoplan.model.support.errors import FileError
+from octoplan.model.support.errors import Described, FileError
 from octoplan.model.support.units import STROKE, length_text, warn_unusual
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
@@ -254,7 +254,7 @@ def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
                 raise InputError(key, getattr(table, key), allowed)
         return {}
     if table.lengths_mm is not None and table.strokes_mm is not None:
-        raise InputError("strokes_mm", "given beside lengths_mm", "omitted if lengths_mm are given")
+        raise InputError("strokes_mm", Described("given"), "omitted if lengths_mm are given")
     if table.stiffness.tendon_EA is not None:
         item = table.stiffness.tendon_EA
         raise InputError("stiffness.tendon_EA", item, "tendon_EA at the top of the file")
@@ -276,7 +276,7 @@ def _left(arm: Arm, strokes: Any) -> list[float]:
     rest = rest_lengths(arm)
     for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
         field = f"strokes[{j}] ({arm.tendon_name(int(j))})"
-        stroke = f"{1e3 * taken[j]:g} mm"
+        stroke = Described(f"{1e3 * taken[j]:g} mm")
         allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest; negative to pay out"
         raise InputError(field, stroke, allowed)
     warn_unusual("strokes_mm", (taken / arm.length).tolist(), STROKE)

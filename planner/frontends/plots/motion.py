@@ -22,7 +22,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import within
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.planner.frontends.io.files import atomic_write, path_of
 from octoplan.planner.frontends.plots.arm import (
     best_view,
@@ -279,11 +279,13 @@ def plot_motion(
     first = plans[0].shape
     for i, other in enumerate(plan.shape for plan in plans):
         if (other.arm, other.scene) != (first.arm, first.scene):
-            raise InputError(f"plans[{i}]", "another arm or scene", "for the arm and scene of all")
+            given = Described("a plan for another arm or scene")
+            raise InputError(f"plans[{i}]", given, "a plan for the arm and scene of plans[0]")
     within("fps", fps, 0.1, 120.0)
     steps = _steps(first.arm, first.scene, plans, int(within("frames", frames, 1, 10_000)))
     titles = [f"plan {step.number} of {len(plans)}" * (len(plans) > 1) for step in steps]
-    return _animation(steps, titles, ax, fps)
+    tips = np.array([plan.shape.tip for plan in plans])
+    return _animation(steps, titles, ax, fps, tips)
 
 
 def animate_trajectory(
@@ -291,7 +293,7 @@ def animate_trajectory(
 ) -> FuncAnimation:
     """Return the animation of a Trajectory, in real time or scaled to `seconds`.
 
-    Every frame is the settled shape at the time, with the next target.
+    Every frame is the settled shape at the time, with the next target; all waypoints are marked.
 
     Raises InputError for axes that are not 3-D, and OctoplanError if the arm does not settle.
     """
@@ -307,11 +309,14 @@ def animate_trajectory(
         _Step(motion.shape(float(t)), int(k) + 1, question.targets[k], around.at(t).obstacles)
         for t, k in zip(times, after, strict=True)
     ]
-    return _animation(steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown)
+    tips = np.array([motion.shape(motion.way.starts[k]).tip for k in motion.way.met])
+    return _animation(steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown, tips)
 
 
-def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> FuncAnimation:
-    """Return the animation of frames with titles."""
+def _animation(
+    steps: list[_Step], titles: list[str], ax: Any, fps: float, tips: Array
+) -> FuncAnimation:
+    """Return the animation of frames with titles; mark the tips (M, 3) [m] at all waypoints."""
     arm = steps[0].shape.arm
     norm = pull_norm(np.concatenate([step.shape.tensions for step in steps]))
     if ax is None:
@@ -333,6 +338,7 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
         step = steps[index]
         ax.clear()
         step.draw(ax, bent)
+        ax.plot(*(MM * tips).T, "+", color=INK, ms=6, mew=1.0, zorder=6)
         set_limits(ax, box, True)
         fill_panel(ax, *view)
         if taut_tendons(step.shape.tensions).any():

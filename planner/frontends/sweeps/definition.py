@@ -23,7 +23,7 @@ from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.loads import check_loads, is_loaded
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import kind
-from octoplan.model.support.errors import FileError
+from octoplan.model.support.errors import Described, FileError
 from octoplan.planner.frontends.io.calls import check_complete, check_drive
 from octoplan.planner.frontends.io.codec import Table, encode, identity, unit_of_type
 from octoplan.planner.frontends.io.files import path_of, read_toml
@@ -230,7 +230,9 @@ def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
 def _check_compute(question: SceneFile, compute: str) -> None:
     """Raise InputError if sweeps do not support an effect of the scene."""
     if question.scene.has(PrintedStatics):
-        raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
+        raise InputError(
+            "compute", Described(f"{compute} in a scene as printed"), "a scene without as_printed"
+        )
     if compute != "settle":
         check_loads(question.arm, question.scene, contact=True)
 

@@ -20,7 +20,7 @@ from unittest.mock import patch
 
 from octoplan.model.arm import Arm
 from octoplan.model.support.checks import kind, positive
-from octoplan.model.support.errors import InputError, OctoplanError, needed
+from octoplan.model.support.errors import Described, InputError, OctoplanError, needed
 from octoplan.model.support.progress import check_time, report, with_progress
 from octoplan.model.support.progress import end as end_of_limit
 from octoplan.model.support.progress import time_limit as within
@@ -264,7 +264,7 @@ def sweep(
         wanted = sweep_of(request, axes, **others, time_limit=seconds)
     elif axes is not None or others:
         surplus = ", ".join([*(["axes"] if axes is not None else []), *others])
-        raise InputError(surplus, "given beside a sweep file", "omitted, or used with an Arm")
+        raise InputError(surplus, Described("given"), "omitted with a sweep file")
     else:
         wanted = load_sweep(request, seconds)
     if out is not None:

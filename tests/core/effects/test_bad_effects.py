@@ -51,10 +51,10 @@ NUMBERS: dict[str, tuple[Callable[[Any], Effect], str]] = {
 NO_NUMBERS = {
     "NaN": (NAN, "finite"),
     "infinite": (INF, "finite"),
-    "a string": ("0.1", "numbers"),
-    "nothing": (None, "numbers"),
-    "a truth": (True, "numbers"),
-    "two numbers": ((0.1, 0.2), "shape scalar"),
+    "a string": ("0.1", "a number"),
+    "nothing": (None, "a number"),
+    "a truth": (True, "a number"),
+    "two numbers": ((0.1, 0.2), "a number"),
 }
 VECTORS: dict[str, Callable[[Any], Effect]] = {
     "Weight.g": Weight,
@@ -64,19 +64,19 @@ VECTORS: dict[str, Callable[[Any], Effect]] = {
     "TipLoad.moment": lambda x: TipLoad(moment=x),
 }
 NO_VECTORS: dict[str, tuple[Any, str]] = {
-    "a number": (1.0, "shape 3"),
-    "two numbers": ((1.0, 2.0), "shape 3"),
-    "four numbers": ((1.0, 2.0, 3.0, 4.0), "shape 3"),
-    "a column": (((1.0,), (2.0,), (3.0,)), "shape 3"),
-    "ragged": ((1.0, (2.0,), 3.0), "shape 3"),
-    "a string": ("down", "shape 3"),
-    "strings": (("0", "0", "1"), "shape 3"),
-    "nothing": (None, "shape 3"),
-    "truths": ((True, False, True), "shape 3"),
-    "complex": ((0, 0, 1j), "shape 3"),
+    "a number": (1.0, "3 numbers"),
+    "two numbers": ((1.0, 2.0), "3 numbers"),
+    "four numbers": ((1.0, 2.0, 3.0, 4.0), "3 numbers"),
+    "a column": (((1.0,), (2.0,), (3.0,)), "3 numbers"),
+    "ragged": ((1.0, (2.0,), 3.0), "3 numbers"),
+    "a string": ("down", "3 numbers"),
+    "strings": (("0", "0", "1"), "3 numbers"),
+    "nothing": (None, "3 numbers"),
+    "truths": ((True, False, True), "3 numbers"),
+    "complex": ((0, 0, 1j), "3 numbers"),
     "NaN": ((0.0, NAN, 0.0), "finite"),
     "infinite": ((0.0, 0.0, -INF), "finite"),
-    "out of this world": ((0.0, 0.0, 1e31), "up to 1e+30"),
+    "out of this world": ((0.0, 0.0, 1e31), "to 1e+30"),
 }
 IN_OR_OUT = "1 (pulling in) or -1 (paying out)"
 DIRECTIONS: list[tuple[Any, str]] = [
@@ -195,7 +195,7 @@ ARMS: Refused = {
     "paths of three": (
         lambda: Anchorage(0.2, (Y,) * 3, (0.0, 1.0)),
         "Anchorage.offset",
-        "one for each of 2",
+        "2 paths, one for each tendon",
     ),
     "a number for a turn": (
         lambda: Anchorage(0.2, Y, (0.0, 1.0), (TURN, 3.0)),  # type: ignore[arg-type]

@@ -48,13 +48,13 @@ ARMS: Refused = {
     "no modulus": (lambda: Material(E=0), "Material.E", "above 0"),
     "negative modulus": (lambda: Material(E=-1e5), "Material.E", "above 0"),
     "infinite modulus": (lambda: Material(E=INF), "Material.E", "finite"),
-    "modulus in words": (lambda: Material(E="soft"), "Material.E", "numbers"),
+    "modulus in words": (lambda: Material(E="soft"), "Material.E", "a number"),
     "no density": (lambda: Material(density=0), "Material.density", "above 0"),
     "nu of -1": (lambda: Material(nu=-1.0), "Material.nu", "above -1"),
     "nu below -1": (lambda: Material(nu=-1.5), "Material.nu", "above -1"),
     "nu above a half": (lambda: Material(nu=0.51), "Material.nu", "to 0.5"),
     "nu not a number": (lambda: Material(nu=NAN), "Material.nu", "finite"),
-    "modulus out of this world": (lambda: Material(E=1e31), "Material.E", "up to 1e+30"),
+    "modulus out of this world": (lambda: Material(E=1e31), "Material.E", "to 1e+30"),
     "hardly any modulus": (lambda: Material(E=1e-31), "Material.E", "from 1e-30"),
     "no length": (lambda: of(length=0), "Arm.length", "above 0"),
     "negative length": (lambda: of(length=-0.3), "Arm.length", "above 0"),
@@ -109,12 +109,12 @@ ARMS: Refused = {
     "base in the plane": (
         lambda: Arm(0.3, Linear(0.01, 0.01), ONE, base_position=(0.0, 0.0)),
         "Arm.base_position",
-        "shape 3",
+        "3 numbers",
     ),
     "three samples": (lambda: Sampled((0, 0.1, 0.3), (1e-3,) * 3), "Sampled.s", "at least 4"),
     "samples in disorder": (lambda: Sampled((0, 2, 1, 3), FLAT4), "Sampled.s", "increasing"),
     "sample given twice": (lambda: Sampled((0, 1, 1, 3), FLAT4), "Sampled.s", "increasing"),
-    "a value missing": (lambda: Sampled((0, 1, 2, 3), (1e-3,) * 3), "Sampled.values", "shape 4"),
+    "a value missing": (lambda: Sampled((0, 1, 2, 3), (1e-3,) * 3), "Sampled.values", "4 numbers"),
     "sample not a number": (lambda: Sampled((0, 1, 2, NAN), FLAT4), "Sampled.s", "finite"),
     "radius sampled short of the tip": (
         lambda: Arm(0.3, Sampled((0, 0.1, 0.2, 0.29), (0.01,) * 4), ONE),
@@ -130,7 +130,7 @@ ARMS: Refused = {
     ),
 }
 SETTLED: Refused = {
-    "unknown arm": (lambda: Arm.from_paper("table-3"), "arm", "table-2, table-4, section-5.1, "),
+    "unknown arm": (lambda: Arm.from_paper("table-3"), "name", "table-2, table-4, section-5.1, "),
     "tendon of no number": (lambda: ARM.tendon_name("T_11"), "index", "from 0 to 11"),  # type: ignore[arg-type]
     "tendon before the first": (lambda: ARM.tendon_name(-1), "index", "from 0 to 11"),
     "tendon after the last": (lambda: ARM.tendon_name(12), "index", "from 0 to 11"),
@@ -156,11 +156,15 @@ SETTLED: Refused = {
     "accuracy too fine": (lambda: settle(ARM, REST, accuracy=9e-13), "accuracy", "from 1e-12"),
     "accuracy too coarse": (lambda: settle(ARM, REST, accuracy=0.11), "accuracy", "to 0.1"),
     "accuracy not a number": (lambda: settle(ARM, REST, accuracy=NAN), "accuracy", "finite"),
-    "accuracy in words": (lambda: settle(ARM, REST, accuracy="fine"), "accuracy", "numbers"),
+    "accuracy in words": (lambda: settle(ARM, REST, accuracy="fine"), "accuracy", "a number"),
     "place before the base": (lambda: settle(ARM, REST).position(-1e-3), "s", "from 0 to 0.31 m"),
     "place beyond the tip": (lambda: settle(ARM, REST).frame([0, 0.32]), "s", "from 0 to 0.31 m"),
     "place not a number": (lambda: settle(ARM, REST).strain(NAN), "s", "finite"),
-    "places in a table": (lambda: settle(ARM, REST).position(np.zeros((2, 2))), "s", "shape n"),
+    "places in a table": (
+        lambda: settle(ARM, REST).position(np.zeros((2, 2))),
+        "s",
+        "a list of numbers",
+    ),
 }
 TEXT: Refused = {
     "Material.E": (lambda: Material(E="110e3"), "", ""),
@@ -196,7 +200,7 @@ KINDS: Refused = {
     "tension without dimensions": (lambda: settle(ARM, np.array(0.1)), "tensions", "12 numbers"),
     "a tension that is masked": (lambda: settle(ARM, MASKED), "tensions", "12 numbers"),
     "many, one masked": (lambda: settle_many(ARM, MASKED[None]), "tensions[0]", "12 numbers"),
-    "a modulus that is masked": (lambda: Material(E=MASKED[0]), "Material.E", "numbers"),
+    "a modulus that is masked": (lambda: Material(E=MASKED[0]), "Material.E", "a number"),
     "many, without dimensions": (lambda: settle_many(ARM, np.array(0.1)), "tensions", "a set"),
     "many, by name": (lambda: settle_many(ARM, {"rest": REST}), "tensions", "a set"),
     "many, errors by a list": (lambda: settle_many(ARM, [REST], errors=["nan"]), "errors", "nan"),
@@ -204,7 +208,7 @@ KINDS: Refused = {
     "outside by tendon": (
         lambda: settle(ARM, REST, tendon_outside=np.ones(12)),
         "tendon_outside",
-        "scalar",
+        "a number",
     ),
 }
 TABLES = {"arm": ARMS, "settle": SETTLED, "text": TEXT, "kind": KINDS}
@@ -244,7 +248,7 @@ def tensions(index: int, value: float) -> Array:
     return T
 
 
-NO_TENSION = "finite number, 0 or above"
+NO_TENSION = "number from 0 to 1e+30"
 SHAPED = "12 numbers, flat or a row per section, tip first (4+4+4)"
 WRONG: dict[str, Any] = {
     "too few": np.zeros(11),

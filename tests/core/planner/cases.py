@@ -114,5 +114,5 @@ def _numbers(value: Any) -> Iterator[float]:
     if isinstance(value, tuple):
         for one in value:
             yield from _numbers(one)
-    elif value is not None:
+    elif isinstance(value, int | float):
         yield float(value)

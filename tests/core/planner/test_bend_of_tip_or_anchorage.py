@@ -102,9 +102,9 @@ def test_a_missed_plane_is_off_by_degrees() -> None:
     assert not found.reached
     angle, bend = plane_and_bend(found.shape, ARM.length)
     off = abs(np.degrees(np.angle(np.exp(1j * (angle - ANGLE)))))
-    assert f"bending plane of the tip by {off:.3g} deg (" in found.outcome
+    assert f"misses the bending plane of the tip by {off:.3g} deg (" in found.outcome
     missed = abs(np.degrees(np.angle(np.exp(1j * (bend - BEND)))))
-    assert f"bend of the tip by {missed:.3g} deg" in found.outcome
+    assert f"the bend of the tip by {missed:.3g} deg" in found.outcome
 
 
 def test_the_point_is_kept_in_files(plans: dict[str, Plan], tmp_path) -> None:  # type: ignore[no-untyped-def]

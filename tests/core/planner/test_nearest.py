@@ -70,7 +70,7 @@ def test_nearest_tip_of_a_helical_arm_is_as_near_as_a_grid() -> None:
     corner = settle(HELICAL, [0, 0.118, 0.118, 0.204], SHEAR)
     assert off <= np.linalg.norm(corner.tip - PLACE) + 1e-6
     assert off <= _least_of_grid(HELICAL, PLACE, SHEAR, MAXIMA, 3) + 1e-6
-    assert "the nearest shape found is off in tip position by 102 mm" in found.outcome
+    assert "the nearest shape found misses the tip position by 102 mm" in found.outcome
     assert (
         f"{len(found.solution.starts)} initial guesses and {found.solution.sampled} sampled shapes"
         in found.outcome

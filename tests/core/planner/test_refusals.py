@@ -135,7 +135,7 @@ PLANS: Refused = {
     "two tip positions": (
         lambda: plan(LONG, [TIP, TipPosition((0.2, 0.1, 0.0))], PAPER, 1.0),
         "targets[1]",
-        "one target for it",
+        "the only target that prescribes it",
     ),
     "planes by two sections": (
         lambda: plan(LONG, [BendingPlane(0, 1, 1), BendingPlane(1, 1, 2)], PAPER, 1.0),
@@ -216,7 +216,7 @@ PLANS: Refused = {
     "stiffest and softest": (
         lambda: plan(LONG, [TIP, Stiffest((0, 0, 1)), Softest((0, 0, -1))], PAPER, 20.0),
         "targets[2]",
-        "one target for it",
+        "the only target that prescribes it",
     ),
     "a target of many": (
         lambda: plan_many(LONG, [TIP, "there"], PAPER),  # type: ignore[list-item]

@@ -15,6 +15,7 @@ from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.obstacles import Box
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner import plan, trajectory
+from octoplan.planner.blocks import CRUSHED
 from octoplan.planner.certificate import COMPLEMENTARITY, Certificate, Check
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
 from octoplan.planner.limits import Limits
@@ -48,7 +49,7 @@ def test_an_obstacle_that_alone_is_in_the_way_is_named_with_place_and_clearance(
     plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
     found = plan(ARM, TARGET, PAPER, 20.0, obstacles=[plate], starts=1)
     assert free.reached and not found.reached
-    assert "not reached clear of the obstacles: the plan without them meets it" in found.outcome
+    assert "the plan without obstacles reaches the target, but" in found.outcome
     assert "obstacles[0] by" in found.outcome and "mm (s = " in found.outcome
     assert "out of reach" not in found.outcome and "widen these limits" not in found.outcome
 
@@ -96,53 +97,55 @@ def test_a_target_far_beyond_the_arm_is_answered_with_the_nearest_shape(norm: An
 def test_guesses_agree_on_the_nearest_shape_under_loads(place: tuple[float, float, float]) -> None:
     """Least squares of the misses outweighed equilibrium: one of 14 guesses converged."""
     found = plan(ARM, TipPosition(place), Scene.silicone(Weight()), 20.0)
-    assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
+    assert found.outcome.startswith("Not reached: the nearest shape found misses the tip position")
     assert len(found.solution.starts) == found.solution.n_equal_optima == 3
 
 
 MISSED = Certificate({"tip position": 0.01}, {}, {}, 0.0)
 # Facts about a plan that is not reached, and the outcome.
 SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
-    "no limit": ({}, "no limit is active; move the target, or ask for more starts"),
+    "no limit": ({}, "no limit is active; move the target (3 initial guesses"),
     "samples": ({"sampled": 512}, "3 initial guesses and 512 sampled shapes tried, 2 led to"),
     "in contact": (
         {"certificate": replace(MISSED, checks={COMPLEMENTARITY: Check(0.0, 1e-8)})},
-        "no limit is active; move the target, or ask for more starts",
+        "no limit is active; move the target (3 initial guesses",
     ),
     "limits": (
         {"holding": lambda: ["T_11 at its maximum"]},
-        "held by T_11 at its maximum; widen these limits",
+        "held by T_11 at its maximum; widen these limits (",
     ),
-    "time": ({"stopped": True}, "a longer time limit may bring it nearer"),
+    "crushed": ({"holding": lambda: [CRUSHED]}, "at its least); move the target ("),
+    "time": ({"stopped": True}, "the search was not finished; raise time_limit"),
+    "time, exact": ({"stopped": True, "mode": "exact"}, "not finished; raise time_limit"),
     "obstacles": (
         {"in_the_way": "it passes through a ball"},
-        "the plan without them meets it, and it passes through a ball",
+        "reaches the target, but it passes through a ball; move the obstacle",
     ),
     "unstable": (
         {"unstable": True},
-        "every shape found that meets the target is unstable under the loads; stiffen the arm",
+        "every shape found that meets the target is unstable under the loads; lower the loads",
     ),
-    "nearest": ({}, "the nearest shape found is off in"),
+    "nearest": ({}, "the nearest shape found misses the tip position by"),
     "an inequality": (
         {"certificate": replace(MISSED, inequality={"least bend": -0.1})},
-        "least bend (short by 0.1)",
+        "the least bend by 0.1",
     ),
     "degrees": (
         {
             "n_equal_optima": 1,
             "certificate": Certificate({"bend": 0.1}, {}, {}, 0.0, units={"bend": "rad"}),
         },
-        "the nearest shape found is off in bend by 5.73 deg",
+        "the nearest shape found misses the bend by 5.73 deg",
     ),
     "millimetres": (
         {"certificate": replace(MISSED, units={"tip position": "L"})},
-        "the nearest shape found is off in tip position by 4.5 mm",
+        "the nearest shape found misses the tip position by 4.5 mm",
     ),
-    "stopped": ({"stopped": True}, "the nearest shape found is off in"),
-    "no stable one": ({"unstable": True}, "the nearest shape found is off in"),
+    "stopped": ({"stopped": True}, "the nearest shape found misses the tip position by"),
+    "no stable one": ({"unstable": True}, "the nearest shape found misses the tip position by"),
     "around obstacles": (
         {"avoidance": ClearanceConstraints(())},
-        "the nearest shape found is off in",
+        "the nearest shape found misses the tip position by",
     ),
 }
 

@@ -278,7 +278,7 @@ def test_a_point_beyond_the_arm_gets_the_nearest_shape_found(name: str) -> None:
     found = plan(ARM, TipPosition((0.5, 0.0, 0.0)), SCENES[name], MAXIMUM, starts=2)
     assert not found.reached
     assert found.mode == "nearest"
-    assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
+    assert found.outcome.startswith("Not reached: the nearest shape found misses the tip")
     away = np.linalg.norm(found.shape.tip - (0.5, 0.0, 0.0)) / ARM.length
     assert found.certificate.equality["tip position"] == pytest.approx(away, abs=1e-6)
     gap = np.linalg.norm(found.shape.tip - (0.5, 0.0, 0.0))
