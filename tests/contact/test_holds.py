@@ -6,13 +6,19 @@ import pytest
 from octoplan.model import Scene, settle
 from octoplan.model.effects import ExactTendons, Extension
 from octoplan.model.extensions.contact.effects import Contact
+from octoplan.model.extensions.contact.touches import equilibrium_contacts
 from octoplan.model.extensions.obstacles import Box, Capsule
 from octoplan.planner import plan
 from octoplan.planner.extensions.contact import Hold
 from octoplan.planner.extensions.contact.grasp import Grasp, grips_of
 from octoplan.planner.extensions.contact.hold import WRENCH
 from octoplan.planner.extensions.contact.plan import ContactPlan
+from octoplan.planner.extensions.contact.program import TensionProgram
+from octoplan.planner.extensions.contact.search import COARSE, with_growing_wrench
 from octoplan.planner.frontends.io.saved_files import load_plan
+from octoplan.planner.limits import TendonLimits
+from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
 from tests.contact.cases import bar
 from tests.contact.queries import query
 from tests.core.planner.cases import changed
@@ -140,4 +146,37 @@ def test_a_hold_is_optimal_on_the_mesh_on_which_it_was_found() -> None:
     body = settle(q.arm, q.tensions, q.scene, 1e-6).contacts[0].obstacle
     hold = Hold(body, (1.4549e-3, 3.7327e-3, 9.4788e-4), 0.30848)
     p = plan(q.arm, hold, q.scene, 3 * float(q.tensions.max()))
+    assert p.reached, p.outcome
+
+
+def test_the_wrench_of_a_light_touch_grows_before_all_of_it_is_held() -> None:
+    """Least violation of all of the wrench led to another edge of the object."""
+    light = [0.0, 0.12, 0.0, 0.0]
+    [touch] = settle(ARM, light, SCENE, 1e-8).contacts
+    hold = Hold(ROD, tuple((6 * touch.force).tolist()), FRICTION)
+    limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
+    task = PlanningProblem(ARM, (hold,), SCENE, limits, NlpOptions(), 1e-6)
+    program = TensionProgram(task, COARSE)
+    heavy, path = with_growing_wrench(program, program.settled(np.array(light)))
+    assert path
+    [grown] = equilibrium_contacts(heavy)
+    share = np.linalg.norm(grown.force) / np.linalg.norm(hold.wrench)
+    assert 0.3 < share < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "body", "wrench", "friction"),
+    [
+        (2, 0, (0.0256205672643, -0.233291751029, 0.166808350536), 0.0),
+        (13, 1, (0.00600962867246, -0.0491541276584, -0.0197786661905), 0.3),
+    ],
+    ids=["finer mesh", "grows"],
+)
+def test_attainable_wrenches_of_random_arms_are_held(
+    seed: int, body: int, wrench: tuple[float, ...], friction: float
+) -> None:
+    """The wrench was off by 1.9e-6 on another mesh; no guess pressed in the right direction."""
+    q = query(seed)
+    p = plan(q.arm, Hold(q.obstacles[body], wrench, friction), q.scene, 3 * float(q.tensions.max()))
     assert p.reached, p.outcome

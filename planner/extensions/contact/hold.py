@@ -55,11 +55,15 @@ class Hold(Target):
         if not any(self.wrench):
             raise InputError("Hold.wrench", self.wrench, "a force or moment that is not 0")
 
-    def size(self, arm: Arm) -> float:
-        """Return the norm of the wrench [N], with moments over LEVER times the arm's length."""
+    def scaled(self, arm: Arm) -> Array:
+        """Return the wrench [N], with moments over LEVER times the arm's length."""
         scaled = np.array(self.wrench)
         scaled[3:] /= LEVER * arm.length
-        return float(np.linalg.norm(scaled))
+        return scaled
+
+    def size(self, arm: Arm) -> float:
+        """Return the norm of the scaled wrench [N]."""
+        return float(np.linalg.norm(self.scaled(arm)))
 
     def equilibrium_residuals(self, shape: Shape) -> Mapping[str, Array]:
         """See Target.equilibrium_residuals: the wrench that remains, over its size."""

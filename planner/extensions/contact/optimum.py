@@ -30,6 +30,8 @@ _FIRST_PENALTY = 10.0
 _PENALTIES = (1e-3, 1e5)
 # Violations and steps below this count as 0.
 _NONE = 1e-7
+# Violation over the accuracy with which constraints count as met.
+MET = 0.5
 # Violations below this are on the way along curved constraints.
 _BALANCED = 1e-3
 # First length of a probe for kinks, in units of the tensions that bend the arm by 1 rad, and the
@@ -62,6 +64,8 @@ class ContactOptimum:
         Multiplier of the stability bound, if the bound costs effort.
     load_path : LoadPath
         Tensions of the steps, without the first and the last.
+    refinement : int
+        Refinement of the mesh.
     """
 
     point: Equilibrium
@@ -70,6 +74,7 @@ class ContactOptimum:
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
     load_path: LoadPath
+    refinement: int
 
     @property
     def is_optimal(self) -> bool:
@@ -83,12 +88,13 @@ class ContactOptimum:
 
 
 def optimum(
-    program: TensionProgram, begin: Equilibrium, start: Array | None = None
+    program: TensionProgram, begin: Equilibrium, start: Array | None = None, enough: float = 0.0
 ) -> ContactOptimum:
     """Return the optimum from an equilibrium, or from other tensions.
 
-    If the constraints cannot be met from there, the result is a point of least violation; if the
-    time is over, the last iterate. Raises the errors of settling the start.
+    With `enough`, the steps end as soon as the violation is at most this. If the constraints cannot
+    be met from there, the result is a point of least violation; if the time is over, the last
+    iterate. Raises the errors of settling the start.
     """
     at = program.at((begin.tensions if start is None else start) / program.unit, begin)
     path = [at]
@@ -97,13 +103,21 @@ def optimum(
         for there, found in _iterates(program, at):
             path.append(there)
             ends = [found] if found else []
+            if there.violation <= enough:
+                break
+    tolerance = max(_NONE, MET * program.task.accuracy)
+    met = [k for k, each in enumerate(path) if each.violation <= tolerance]
+    if path[-1].violation > tolerance and met:
+        path, ends = path[: met[-1] + 1], []
     at, n = path[-1], program.n
     end = ends[0] if ends else conditions(at)
     load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
     above, below, (stability, *_) = np.split(end.step.multipliers, [n, 2 * n])
     lam_x, yields = tuple((above - below).tolist()), bool(program.least and stability > _NONE)
-    violation, lam_g = at.violation * (at.violation > _NONE), (-float(stability),) * yields
-    return ContactOptimum(at.point, violation, end.residual, lam_x, lam_g, load_path)
+    violation, lam_g = at.violation * (at.violation > tolerance), (-float(stability),) * yields
+    return ContactOptimum(
+        at.point, violation, end.residual, lam_x, lam_g, load_path, program.refinement
+    )
 
 
 def _iterates(
@@ -125,6 +139,7 @@ def _iterates(
         check_time()
         progress = progress.after(at)
         if progress.attempts > _ATTEMPTS:
+            yield from _restored(program, at, max(radius, _RADIUS / 10) * natural)
             return
         step = best_step(at, kinks, hessian.get_matrix(), radius * natural, penalty)
         penalty = step.penalty
@@ -153,6 +168,25 @@ def _iterates(
         if penalty > _FIRST_PENALTY:
             penalty = max(penalty / 10, _FIRST_PENALTY)
         at, radius, recent = there, longer, [*recent[1 - _RECENT :], there]
+        yield at, None
+
+
+def _restored(
+    program: TensionProgram, at: Constraints, radius: Array
+) -> Iterator[tuple[Constraints, None]]:
+    """Yield points of decreasing violation near a point at which constraints are nearly met.
+
+    Steps along curved constraints leave a small violation.
+    """
+    while _NONE < at.violation <= _BALANCED:
+        check_time()
+        there = None
+        with suppress(OctoplanError):
+            change, tangential, *_ = at.step(np.eye(program.n), radius, _PENALTIES[1])
+            there = program.at(at.tensions + change, at.point, tangential)
+        if there is None or there.violation > at.violation / 2:
+            return
+        at = there
         yield at, None
 
 

@@ -15,6 +15,7 @@ forces are unknowns within their cones. If constraints cannot be met, their viol
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -198,6 +199,8 @@ class TensionProgram:
         Unit of tensions [N].
     least : float
         Lower bound of the stability; 0 for no bound.
+    refinement : int
+        Refinement of the mesh.
     begin : Equilibrium or None
         With friction, the equilibrium at the end of the load path.
     """
@@ -205,7 +208,7 @@ class TensionProgram:
     def __init__(
         self, task: PlanningProblem, refinement: int, least: float = 0.0, load_path: LoadPath = ()
     ) -> None:
-        self.task, self.least = task, least
+        self.task, self.least, self.refinement = task, least, refinement
         self._stations = task.target_set.stations
         self.map = TouchingMap(task.arm, task.scene, refinement, self._stations, task.machine_code)
         self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
@@ -213,6 +216,14 @@ class TensionProgram:
         self._terms, self._numbers = task.target_set.terms, task.target_set.numbers
         self._counts = self._terms.count, len(self._terms.names[2])
         self.begin = self.along(load_path) if rubs(task.scene) else None
+
+    def with_wrenches(self, share: float) -> TensionProgram:
+        """Return the program for a share of all wrenches on held objects."""
+        result = copy.copy(self)
+        result.holds = [
+            replace(hold, wrench=tuple(share * x for x in hold.wrench)) for hold in self.holds
+        ]
+        return result
 
     def settled(self, tensions: Array, near: Equilibrium | None = None) -> Equilibrium:
         """Return the equilibrium from rest, or near another; raises the errors of settling."""

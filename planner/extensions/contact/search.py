@@ -11,6 +11,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.effects import contacts, without_contacts, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.sharp import close
@@ -28,7 +29,7 @@ from octoplan.planner.extensions.contact.load_path import (
     rubs,
     settled_along,
 )
-from octoplan.planner.extensions.contact.optimum import ContactOptimum, first_order, optimum
+from octoplan.planner.extensions.contact.optimum import MET, ContactOptimum, first_order, optimum
 from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.extensions.contact.wrap import Wrap
 from octoplan.planner.planning_problem import PlanningProblem
@@ -44,13 +45,16 @@ FINE = 2 * COARSE
 # Time for shape and certificate, which are more accurate, over the time for one step of the load
 # path in the search. The path itself is not settled again.
 CERTIFICATE_TIME = 4.0
-# Violation on the mesh of plans, over the accuracy, with which targets count as met.
-_MET = 0.5
 # Largest rotation of frames between two meshes for the same equilibrium [rad].
 _SAME = 0.1
 # Numbers of legs of the load paths that are tried if the straight path leads elsewhere. The
 # certificate settles each leg.
 _LEGS = (1, 3, 8)
+# Smallest share of a wrench, the factor from one share to the next, and the share from which the
+# next is all of the wrench.
+_LEAST_SHARE, _GROWTH, _NEARLY = 1e-3, 2.5, 0.7
+# Violation, over the size of the share, with which a share of a wrench counts as balanced.
+_BALANCED = 1e-2
 # Shares of the change of tensions to the optimum without friction.
 _SLID = (1.0, 1.5, 2.5)
 # Number of arms that are drawn for a hold; number of the nearest of these, around which as many
@@ -127,7 +131,8 @@ class ContactSearch:
             legs = max(len(self.begin or ()), 1)
             best = replace(best, load_path=best.load_path[:legs])
         trials, exact = _trials(self.optima), best is not None and not best.violation
-        options = self.task.options.replace(mode="exact" if exact else "nearest", refinement=FINE)
+        mesh = FINE if best is None else max(best.refinement, FINE)
+        options = self.task.options.replace(mode="exact" if exact else "nearest", refinement=mesh)
         if best is None:
             path = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(path[-1]))
@@ -177,8 +182,9 @@ class ContactSearch:
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             report("initial guesses", tried - 1, task.max_guesses)
             with suppress(OctoplanError):
-                end = optimum(coarse, coarse.along(load_path))
-                end = replace(end, load_path=(*load_path, *end.load_path))
+                begin, grown = with_growing_wrench(coarse, coarse.along(load_path))
+                end = optimum(coarse, begin)
+                end = replace(end, load_path=(*load_path, *grown, *end.load_path))
                 cheapest = all(end.cost < each.cost for each in self.optima)
                 self.optima.append(end)
                 if not end.violation and cheapest and n_equal_optima(_trials(self.optima)) < 2:
@@ -212,13 +218,53 @@ class ContactSearch:
                 per_step = (time.monotonic() - begun) / (len(way) + 1)
                 there = fine.settled(T, shape.known)
                 if close(there, end.point, _SAME):
-                    refined = optimum(fine, there)
-                    is_met = refined.violation <= _MET * self.task.accuracy
-                    if is_met != bool(end.violation):
+                    refined = self._on_finer_mesh(fine, optimum(fine, there))
+                    if bool(refined.violation) == bool(end.violation):
                         reserve(CERTIFICATE_TIME * per_step)
-                        violation = 0.0 if is_met else refined.violation
-                        return replace(refined, load_path=way, violation=violation)
+                        return replace(refined, load_path=way)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
+
+    def _on_finer_mesh(self, program: TensionProgram, end: ContactOptimum) -> ContactOptimum:
+        """Return an optimum that meets the constraints on a mesh of twice the elements, too.
+
+        Wrenches of contact forces converge more slowly than positions.
+        """
+        finer = TensionProgram(self.task, 2 * FINE, program.least)
+        if not program.holds or end.violation:
+            return end
+        there = finer.settled(end.point.tensions, end.point)
+        violation = finer.at(end.point.tensions / finer.unit, there).violation
+        return end if violation <= MET * self.task.accuracy else optimum(finer, there)
+
+
+def with_growing_wrench(
+    program: TensionProgram, begin: Equilibrium
+) -> tuple[Equilibrium, LoadPath]:
+    """Return the equilibrium in which an arm holds nearly all of the wrenches, and the tensions.
+
+    A guess touches the object in about the right direction, but presses too little. Least
+    violation of all of the wrench may lead to another edge or side of the object. Therefore the
+    wrench grows from the size of the forces of the guess, and each share is balanced in turn. The
+    growth ends where a share cannot be balanced.
+    """
+    path: LoadPath = ()
+    if not program.holds:
+        return begin, path
+    still = program.at(begin.tensions / program.unit, begin).grasp.still
+    arm = program.task.arm
+    wrench = np.concatenate([hold.scaled(arm) / hold.size(arm) for hold in program.holds])
+    share = float(np.linalg.norm(still - wrench) / np.linalg.norm(wrench))
+    share = max(share, _LEAST_SHARE)
+    while share < _NEARLY:
+        with suppress(OctoplanError):
+            end = optimum(program.with_wrenches(share), begin, enough=_BALANCED)
+            if end.violation > _BALANCED:
+                break
+            begin, path = end.point, (*path, *end.load_path, tuple(end.point.tensions.tolist()))
+            share *= _GROWTH
+            continue
+        break
+    return begin, path
 
 
 def _short_paths(load_path: LoadPath) -> Iterator[LoadPath]:
@@ -289,7 +335,7 @@ def optimality_of(
     """Return the first-order conditions at tensions (n_tendons,), of the shape of a load path."""
     with suppress(OctoplanError):
         bound = task.options.stability_bound * task.options.modes
-        program = TensionProgram(task, FINE, bound, load_path)
+        program = TensionProgram(task, task.options.refinement, bound, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
         on_mesh = program.begin or program.map.solve(tensions, shape.known)
         begin = program.begin or program.settled(tensions, on_mesh)
