@@ -8,6 +8,7 @@ from octoplan.planner.extensions.fit.design import design
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Reach
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Unknown
+from octoplan.planner.extensions.load_estimate.sensing import estimate_load
 from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.accuracy_study import accuracy_study
@@ -36,6 +37,7 @@ __all__ = [
     "calibrate",
     "check_arm",
     "design",
+    "estimate_load",
     "export",
     "load_calibration",
     "load_plan",

@@ -188,7 +188,13 @@ class DiscreteRod:
         return np.asarray(whole.toarray()[:, layout.n_before_states : -1])
 
     def by_wrench(self, x: Array, node: int) -> Array:
-        """Return the changes of the residuals by a dead force and moment at a node (n_states, 6).
+        """Return the changes of the residuals (n_states, 6) by a dead wrench at a node."""
+        change = self.wrench_parameters(node)
+        values = [self.layout.equations.value(x, self.p + each) for each in change.T]
+        return np.stack(values, axis=1) - self.residual(x)[:, None]
+
+    def wrench_parameters(self, node: int) -> Array:
+        """Return the changes of p by a dead force and moment at a node (n_p, 6).
 
         Force and moment are parameters of the elements on the base side of the node, and of the
         node at the tip.
@@ -200,8 +206,7 @@ class DiscreteRod:
             parameters["element"]["moment"][:, node - 1, 3:] = np.eye(3)
         else:
             parameters["tip"]["moment"][:, 0, 3:] = np.eye(3)
-        values = [self.layout.equations.value(x, self.p + each) for each in change.T]
-        return np.stack(values, axis=1) - self.residual(x)[:, None]
+        return change
 
     def poses(self, states: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7), from base to tip."""

@@ -81,7 +81,7 @@ def information(J: Array) -> tuple[Array, Array, list[tuple[Array, float]]]:
     null = s <= _ZERO * max(float(s[0]), 1e-300)
     along = V / lengths
     covariance = (along[~null].T / np.square(s[~null])) @ along[~null]
-    directions = [(v / np.linalg.norm(v), float("inf")) for v in _sparse(along[null])]
+    directions = [(v / np.linalg.norm(v), float("inf")) for v in sparse_basis(along[null])]
     involved = np.abs(np.array([v for v, _ in directions]).reshape(-1, K)) > _INVOLVED
     variances, vectors = np.linalg.eigh(covariance)
     directions += [
@@ -119,7 +119,7 @@ def _column_space(J: Array) -> Array:
     return np.asarray(U[:, s > _ZERO * max(float(s.max(initial=0.0)), 1e-300)])
 
 
-def _sparse(vectors: Array) -> Array:
+def sparse_basis(vectors: Array) -> Array:
     """Return a basis of the span of vectors (r, K), in reduced echelon form with pivoting."""
     if len(vectors) < 2:
         return vectors

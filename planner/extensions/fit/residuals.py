@@ -100,7 +100,7 @@ def unreached(at: Evaluation) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=1)
-def _sensor_readings() -> ca.Function:
+def sensor_readings() -> ca.Function:
     """Return the function pose (7,), offset (3,), quaternion -> reading (3,), derivatives (3, 10).
 
     The quaternion is the measured frame, or 0 for a marker. The derivatives are with respect to
@@ -354,7 +354,7 @@ class Evaluation:
     @cached_property
     def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:
         """Readings of each shape's sensors (M, 3), and their derivatives (M, 3, 10)."""
-        function = cached(BatchFunction, _sensor_readings())
+        function = cached(BatchFunction, sensor_readings())
         result = dict[int, tuple[Array, Array]]()
         for i, here in self.equilibria.items():
             at = self.equations(i)

@@ -1,0 +1,1 @@
+"""Force sensing: the load on an arm, estimated from measured positions."""
