@@ -167,13 +167,13 @@ def _place(field: str, coordinates: Sequence[Any]) -> Array:
 
 def _stds(field: str, std: Any, shape: tuple[int, ...]) -> Array:
     """Return standard deviations of a shape from one number, one per axis or one per number."""
-    wanted = "x".join(map(str, shape))
-    allowed = f"positive, one number or numbers of shape 3 or {wanted}"
+    wanted = "" if shape[0] == 1 else f", or {shape[0]} rows of 3"
+    allowed = f"positive: one number, 3 numbers{wanted}"
     if std is None:
         raise InputError(field, std, allowed)
     array = numbers(field, std, allowed)
     if array.shape not in ((), (3,), shape):
-        raise InputError(field, f"shape {array.shape}", allowed)
+        raise InputError(field, std, allowed)
     if not np.all(np.isfinite(array)) or not np.all(array > 0):
         raise InputError(field, std, allowed)
     return np.array(np.broadcast_to(array, shape))
