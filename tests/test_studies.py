@@ -28,6 +28,11 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "design": ("--tips 1 --begins 1 --unknowns 2 --search 1", "plans certified", ("design.png",)),
     "fetch": ("--budgets 5 --bends 40", "least total pull", ("fetch.png",)),
     "grasp": ("--radii 40 --ends 0 --shares 0.05", "1 of 1 wraps", ("grasp.png",)),
+    "grip": (
+        "--angles 90 --ratios 0.95 0.6",
+        "90 degrees, friction 0.3: grip",
+        ("grip.png",),
+    ),
     "hard_cases": ("--members 1 --family many_turns", "from base to tip", ("hard_cases.png",)),
     "lengths": (
         "--plans 1 --draws 1 --every 45 --steps 1 --mixed 2 --several 2",

@@ -30,6 +30,12 @@ class Hold(Target):
     reaction of the tangential forces on the arm is neglected, as small compared with the loads that
     bend it. The scene contains the obstacle as a Contact, and the object does not move.
 
+    The normal forces of an arm around an object grow with the difference between the curvature of
+    the free arm and the curvature of the object. An arm of given curvature grips objects of about
+    half its curvature hardest. A quarter of a turn touches at one point, and the object can slip
+    out without friction; half a turn and more hold the object; see the study `grip`
+    in studies/README.md.
+
     Attributes
     ----------
     obstacle : Convex

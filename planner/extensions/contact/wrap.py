@@ -50,6 +50,10 @@ class Wrap(Target):
     pressure that pulls. A length may lie along the axis of a rod as well as around it; turns go
     around.
 
+    A wrap of least effort only touches. More tension presses the arm on the object. The answer of
+    the study `grip` in studies/README.md relates grip and stiffness to the ratio of the curvatures
+    of object and arm.
+
     The part ends at the tip unless `start` is given. The number of turns is the angle by which the
     obstacle's outward normal rotates along the part, over 2 pi; for a cylinder, the angle around
     the axis. The plan determines the length of a part with turns.
