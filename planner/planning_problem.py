@@ -266,7 +266,5 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
                 raise InputError(f"targets[{i}]", Described(f"a {name}"), allowed)
             prescribed[name] = i
     if not TargetSet(arm, targets).tendons:
-        raise InputError(
-            "target", targets, "targets that leave some tendon to pull for all of them"
-        )
+        raise InputError("target", targets, "targets that let a common tendon pull")
     return tuple(copies)

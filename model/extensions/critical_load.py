@@ -53,7 +53,7 @@ def critical_load_factor(
     """
     scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
     if not is_loaded(arm, scene):
-        raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
+        raise InputError("scene", scene.effects, "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
 
     def end(refinement: int) -> BranchEnd:

@@ -65,7 +65,7 @@ class Tube(Profile):
         """See Profile.check: the inner radius is from 0 to below the outer radius."""
         inner, _ = _checked("Tube.inner", self.inner, s, span)
         if inner.min() < 0:
-            raise InputError("Tube.inner", float(inner.min()), "0 or above")
+            raise InputError("Tube.inner", float(inner.min()), "a number >= 0")
         worst = int(np.argmax(inner - radius[0]))
         if inner[worst] >= radius[0][worst]:
             allowed = f"below the arm's radius, {length_text(radius[0][worst])}"

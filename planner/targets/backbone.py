@@ -42,7 +42,7 @@ class Backbone(Target):
             if getattr(self, name) is not None:
                 finite_array(f"Backbone.{name}", getattr(self, name), (len(self.points),))
         if self.weights is not None and max(self.weights) == 0:
-            raise InputError("Backbone.weights", self.weights, "0 or above, not all 0")
+            raise InputError("Backbone.weights", self.weights, "numbers >= 0, not all 0")
         if self.s is not None and np.any(np.diff(self.s) <= 0):
             raise InputError("Backbone.s", self.s, "increasing arc lengths above 0 m")
 

@@ -86,6 +86,15 @@ MESSAGES: dict[str, tuple[Callable[[], Any], str]] = {
         "obstacles = 'ball': must be a list of obstacles, each an obstacle such as "
         "Sphere(center=(x, y, z), radius=r)",
     ),
+    "a clearance from nothing": (
+        lambda: plan(ARM, NEAR, PAPER, 20.0, clearance=0.002),
+        "clearance = 0.002: must be 0 without obstacles; pass obstacles, or self_clearance=True",
+    ),
+    "targets for different sections": (
+        lambda: plan(ARM, (BendingPlane(0, 1.0), BendingPlane(0, 1, 2, "anchorage")), PAPER, 20.0),
+        "target = (BendingPlane(angle=0.0, bend=1.0, section=1, at='tip'), BendingPlane(angle=0.0, "
+        "bend=1.0, section=2, at='anchorage')): must be targets that let a common tendon pull",
+    ),
     "a fetch of one section": (
         lambda: plan(one_section(), Fetch.reach((0.1, 0.1, 0.1)), PAPER, 20.0),
         "arm.sections = 1 section: must be >= 3 for a fetch",
@@ -154,7 +163,13 @@ def test_values_of_several_lines_are_named_by_their_type() -> None:
 
 
 FILE = 'accuracy = 1e-4\n[arm]\npreset = "table-4"\n'
+_TARGET = "[target]\ntype = 'tip-position'\nposition_mm = [1, 2, 3]\n"
 FILES = {
+    "two targets in tables of one": (
+        2 * _TARGET,
+        "line 7: not valid TOML: cannot declare ('target',) twice: [target]; "
+        "several targets have a [[targets]] table each",
+    ),
     "text in place of numbers": (
         "[target]\ntype = 'tip-position'\nposition_mm = '1 2 3'\n",
         "target.position_mm = '1 2 3': must be a list of 3 numbers (in the base frame [mm])",

@@ -70,7 +70,7 @@ def surroundings(
         raise InputError("self_clearance", of_itself, "True or False")
     checked = Environment(still, not_negative("clearance", clearance), bool(of_itself), moving)
     if checked.clearance and not checked:
-        allowed = "0, or obstacles to be clear of, or self_clearance=True"
+        allowed = "0 without obstacles; pass obstacles, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)
     if not still:
         return checked

@@ -188,6 +188,7 @@ _REMEDIES = (
     (r"=\s*-?[\d.]+\s*[A-Za-z]", "a number stands alone; its unit is in the key"),
     (r"=\s*-?\.\d|=\s*-?\d+\.(\D|$)", "digits on both sides of a point: 0.5, 3.0"),
     (r"^\s*[\w.]+\s*:", "keys and values are joined by =, as in nu = 0.5"),
+    (r"^\s*\[target\]", "several targets have a [[targets]] table each"),
     (r"^\s*\[[^\]]*$", "a table begins with its name in brackets, as in [arm]"),
 )
 
