@@ -260,10 +260,23 @@ class Problem:
         T = x[: self.arm.n_tendons] * self.unit
         return np.clip(T, self.limits.lower, self.limits.upper)
 
+    @property
+    def controls(self) -> Array:
+        """The places of tensions and base joints among the unknowns (n,)."""
+        placed = zip(self.blocks, self.program.decisions, strict=True)
+        joints = [np.arange(at.start, at.stop) for block, at in placed if block.n_controls]
+        return np.concatenate([np.arange(self.arm.n_tendons), *joints])
+
     def base_joints(self, x: Array) -> tuple[float, ...]:
         """Return the values of the base joints in unknowns x; empty for a fixed base."""
         placed = zip(self.blocks, self.program.decisions, strict=True)
         return tuple(value for block, at in placed for value in block.base_joints(x[at]))
+
+    def forward_at(self, arm: Arm) -> Collocation:
+        """Return the equations of equilibrium of an arm whose base may be elsewhere."""
+        if arm == self.arm:
+            return self.forward
+        return Collocation(self.forward.system.with_base(arm))
 
     def guess(self, controls: Array, settled: bool = False) -> Array:
         """Return the unknowns for tensions (n_tendons,) [N], followed by base joints if any.
@@ -277,8 +290,7 @@ class Problem:
         tensions, joints = np.split(controls, [self.arm.n_tendons])
         forward = self.forward
         if joints.size:
-            arm = self.task.at_base(tuple(joints.tolist())).arm
-            forward = Collocation(forward.system.with_base(arm))
+            forward = self.forward_at(self.task.at_base(tuple(joints.tolist())).arm)
         strong = is_loaded(self.arm, self.scene) and not has_unique_equilibrium(
             self.arm, self.scene
         )

@@ -2,8 +2,8 @@
 
 The least stable mode is an unknown, held to a margin. Far from the start another mode may become
 the least stable one, and solves from unstable shapes seldom converge. Each solve is therefore
-confined to a box of tensions around the last stable shape. The box grows after a step to a better
-stable shape, and shrinks after any other step.
+confined to a box of tensions and base joints around the last stable shape. The box grows after a
+step to a better stable shape, and shrinks after any other step.
 
 Source: Conn, Gould, Toint, "Trust-region methods", SIAM (2000).
 """
@@ -45,7 +45,7 @@ def descend(problem: Problem, start: Equilibrium) -> NlpSolution | None:
     best: NlpSolution | None = None
     objective = np.inf
     width = _FIRST_WIDTH
-    n = problem.arm.n_tendons
+    boxed = problem.controls
     margin = (1 - _STABILITY_RTOL) * problem.options.stability_bound
     lbx, ubx, lbg, ubg = problem.bounds
     p = problem.parameters(SEARCH_WEIGHT)
@@ -55,13 +55,13 @@ def descend(problem: Problem, start: Equilibrium) -> NlpSolution | None:
             x = problem.complete(start.tensions, start.states)
             low = lbx.copy()
             high = ubx.copy()
-            low[:n] = np.maximum(lbx[:n], x[:n] - width)
-            high[:n] = np.minimum(ubx[:n], x[:n] + width)
+            low[boxed] = np.maximum(lbx[boxed], x[boxed] - width)
+            high[boxed] = np.minimum(ubx[boxed], x[boxed] + width)
             trial = solve(problem, x, p, (low, high, lbg, ubg), purpose="step")
             is_better = trial.converged and trial.f < objective
             if is_better and problem.is_stable(trial.x, margin):
                 gain = objective - trial.f
-                is_inside = bool(np.abs(trial.x[:n] - x[:n]).max() < 0.99 * width)
+                is_inside = bool(np.abs(trial.x - x)[boxed].max() < 0.99 * width)
                 best = trial
                 objective = trial.f
                 start = problem.linearised(trial.x)

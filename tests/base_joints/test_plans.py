@@ -358,3 +358,38 @@ def test_a_full_turn_has_no_end_that_holds() -> None:
         p = plan(soft, TipPosition(tuple(known.tip)), scene, 3.0, base=joints)
         assert p.reached
         assert p.base.rotation == pytest.approx(rotation, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_nearest_shapes_under_loads_are_the_best_of_fixed_bases() -> None:
+    """The arm bends far under its weight: stable shapes are found by descents in small steps."""
+    arm = replace(ARM, material=Material(E=1e5, nu=0.45, density=1100.0))
+    scene = Scene(Extension(), Weight())
+    target = TipPosition((0.27, 0.03, -0.08))
+
+    def distance(p: Plan) -> float:
+        return float(np.linalg.norm(p.tip - target.position))
+
+    joints = BaseJoints(insertion=(0.0, 0.05), rotation=(-1.0, 1.0))
+    p = plan(arm, target, scene, 0.5, base=joints, certify=False)
+    assert p.mode == "nearest" and p.base.insertion == pytest.approx(0.05, abs=1e-6)
+    scan = [
+        distance(plan(moved(arm, 0.05, rotation), target, scene, 0.5, certify=False))
+        for rotation in (p.base.rotation, 0.5, 0.0, -0.5)
+    ]
+    assert distance(p) <= 1.001 * min(scan)
+    assert distance(p) == pytest.approx(scan[0], rel=1e-4)
+
+
+@pytest.mark.slow
+def test_refined_plans_keep_their_base_on_finer_meshes() -> None:
+    """A step to a finer mesh starts at the joint values of the optimum, not at 0."""
+    arm = Arm.from_paper("table-4")
+    scene = Scene.silicone(Weight())
+    target = TipPosition((0.5, 0.1, -0.2))
+    joints = BaseJoints(insertion=(0.0, 0.2), rotation=(-np.pi, np.pi))
+    p = plan(arm, target, scene, 20.0, base=joints, certify=False)
+    assert p.base.insertion == pytest.approx(0.2, abs=1e-6)
+    fixed = plan(moved(arm, *p.base), target, scene, 20.0, certify=False)
+    gaps = [float(np.linalg.norm(each.tip - target.position)) for each in (p, fixed)]
+    assert gaps[0] <= 1.01 * gaps[1]
