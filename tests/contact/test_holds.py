@@ -14,7 +14,7 @@ from octoplan.planner.extensions.contact.grasp import Grasp, grips_of
 from octoplan.planner.extensions.contact.hold import WRENCH
 from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.contact.program import TensionProgram
-from octoplan.planner.extensions.contact.search import COARSE, with_growing_wrench
+from octoplan.planner.extensions.contact.search import COARSE, presses_against, with_growing_wrench
 from octoplan.planner.frontends.io.saved_files import load_plan
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.nlp_options import NlpOptions
@@ -157,7 +157,10 @@ def test_the_wrench_of_a_light_touch_grows_before_all_of_it_is_held() -> None:
     limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
     task = PlanningProblem(ARM, (hold,), SCENE, limits, NlpOptions(), 1e-6)
     program = TensionProgram(task, COARSE)
-    heavy, path = with_growing_wrench(program, program.settled(np.array(light)))
+    touching = program.settled(np.array(light))
+    assert not presses_against(program, touching)
+    assert presses_against(program.with_wrenches(-1.0), touching)
+    heavy, path = with_growing_wrench(program, touching)
     assert path
     [grown] = equilibrium_contacts(heavy)
     share = np.linalg.norm(grown.force) / np.linalg.norm(hold.wrench)
@@ -170,8 +173,9 @@ def test_the_wrench_of_a_light_touch_grows_before_all_of_it_is_held() -> None:
     [
         (2, 0, (0.0256205672643, -0.233291751029, 0.166808350536), 0.0),
         (13, 1, (0.00600962867246, -0.0491541276584, -0.0197786661905), 0.3),
+        (31, 0, (2.1742077589864345e-4, -0.016803119742442602, -0.003764892401663686), 0.0),
     ],
-    ids=["finer mesh", "grows"],
+    ids=["finer mesh", "grows", "other face"],
 )
 def test_attainable_wrenches_of_random_arms_are_held(
     seed: int, body: int, wrench: tuple[float, ...], friction: float

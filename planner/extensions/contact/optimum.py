@@ -41,7 +41,7 @@ _PROBE, _PROBES = 1e-3, 8
 _EXACT = 10.0
 # Number of attempts without progress after which the steps end, and the factors of violation and of
 # effort that count as progress: most guesses that do not meet the constraints do not come nearer.
-_ATTEMPTS, _NEARER, _LIGHTER = 15, 0.9, 0.99
+_ATTEMPTS, _NEARER, _LIGHTER = 10, 0.9, 0.99
 # Number of recent merits; a step may raise the merit up to the largest of these.
 _RECENT = 3
 

@@ -53,6 +53,8 @@ _LEGS = (1, 3, 8)
 # Smallest share of a wrench, the factor from one share to the next, and the share from which the
 # next is all of the wrench.
 _LEAST_SHARE, _GROWTH, _NEARLY = 1e-3, 2.5, 0.7
+# Largest number of guesses that are left because they press against the wrench.
+_MOST_LEFT = 4
 # Violation, over the size of the share, with which a share of a wrench counts as balanced.
 _BALANCED = 1e-2
 # Shares of the change of tensions to the optimum without friction.
@@ -179,10 +181,15 @@ class ContactSearch:
         reaching = chain.from_iterable(_free_arms_reaching(task, hold) for hold in coarse.holds)
         guesses = reaching if coarse.holds else initial_guesses(task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
+        n_left = 0
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             report("initial guesses", tried - 1, task.max_guesses)
             with suppress(OctoplanError):
-                begin, grown = with_growing_wrench(coarse, coarse.along(load_path))
+                touching = coarse.along(load_path)
+                if n_left < _MOST_LEFT and presses_against(coarse, touching):
+                    n_left += 1
+                    continue
+                begin, grown = with_growing_wrench(coarse, touching)
                 end = optimum(coarse, begin)
                 end = replace(end, load_path=(*load_path, *grown, *end.load_path))
                 cheapest = all(end.cost < each.cost for each in self.optima)
@@ -229,12 +236,23 @@ class ContactSearch:
 
         Wrenches of contact forces converge more slowly than positions.
         """
-        finer = TensionProgram(self.task, 2 * FINE, program.least)
         if not program.holds or end.violation:
             return end
-        there = finer.settled(end.point.tensions, end.point)
-        violation = finer.at(end.point.tensions / finer.unit, there).violation
-        return end if violation <= MET * self.task.accuracy else optimum(finer, there)
+        with suppress(OutOfTime):
+            finer = TensionProgram(self.task, 2 * FINE, program.least)
+            there = finer.settled(end.point.tensions, end.point)
+            violation = finer.at(end.point.tensions / finer.unit, there).violation
+            if violation > MET * self.task.accuracy:
+                return optimum(finer, there)
+        return end
+
+
+def presses_against(program: TensionProgram, point: Equilibrium) -> bool:
+    """Return whether contact forces leave more of the held wrenches than no forces would."""
+    if not program.holds:
+        return False
+    least = program.at(point.tensions / program.unit, point).grasp.least
+    return bool(np.linalg.norm(least) > np.sqrt(len(program.holds)))
 
 
 def with_growing_wrench(
