@@ -228,7 +228,7 @@ def figure(table: Sequence[Sequence[Grip]]) -> Figure:
         (stiff, "stiffness / (E J / rho$^3$)"),
     ):
         ax.set(xlabel="curvature of the object / curvature of the free arm", ylabel=label)
-        ax.legend(fontsize=7)
+    grip.legend(fontsize=7)
     # Grips at the first touch are nearly 0.
     grip.set(yscale="log", ylim=(0.01, None))
     stiff.set_yscale("symlog", linthresh=1.0)
