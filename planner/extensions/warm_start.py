@@ -92,10 +92,13 @@ def _continued(
     step fails.
     """
     blocks = avoidance.blocks(task.arm) if avoidance else ()
-    origin, problem = near.optimum, Problem(task, near.problem.options, blocks)
+    origin = near.optimum
     n = task.arm.n_tendons
     if origin is None:
         return None
+    # The clamp of a moving base is a parameter: both problems have the same one.
+    at_origin = task.at_base(origin.problem.task.base_joints)
+    problem = Problem(at_origin, near.problem.options, blocks)
     begin = current = replace(origin.with_adjoint(), problem=problem)
     first, last = (of.parameters(defect=origin.defect) for of in (origin.problem, problem))
     lbx, ubx, lbg, ubg = problem.bounds

@@ -221,6 +221,17 @@ def test_plans_continue_from_a_plan_nearby() -> None:
     assert stiffer.reached and stiffer.tensions.min() >= 0.05 and stiffer.base is not None
 
 
+def test_a_plan_continues_from_itself_at_a_base_far_from_home() -> None:
+    arm = Arm.from_paper("table-4")
+    target = TipPosition((0.122, 0.031, 0.103))
+    joints = BaseJoints(insertion=(-0.1, 0.1), rotation=(-np.pi, np.pi))
+    p = plan(arm, target, PAPER, 20.0, base=joints, certify=False)
+    assert abs(p.base.insertion) > 0.02
+    again = plan(arm, target, PAPER, 20.0, base=joints, near=p, certify=False)
+    assert len(again.solution.starts) == 1
+    np.testing.assert_allclose(again.base, p.base, atol=1e-7)
+
+
 def test_saved_plans_and_scene_files_keep_the_joints(tmp_path: Path) -> None:
     joints = BaseJoints((0.0, 0.05), (-np.pi, np.pi), 0.5, insertion_rate=0.01, rotation_rate=1.5)
     p = plan(CATHETER, TipPosition((0.1, 0.02, 0.03)), PAPER, 20.0, base=joints)
