@@ -16,6 +16,7 @@ import xarray
 from octoplan import planner
 from octoplan.model import InputError
 from octoplan.planner.frontends.sweeps.definition import Sweep
+from octoplan.planner.frontends.sweeps.points import Job
 from octoplan.planner.frontends.sweeps.store import folder_of
 from octoplan.planner.frontends.sweeps.sweep import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
@@ -137,13 +138,9 @@ def test_what_is_finished_is_not_found_again_and_resumes_no_other_sweep(
     assert _finished(out) == finished
     assert not out.exists()
     scene.write_text(text)
-    compute_points = planner.frontends.sweeps.sweep.compute_points
+    rows = Job.rows
     chunks = []
-    monkeypatch.setattr(
-        planner.frontends.sweeps.sweep,
-        "compute_points",
-        lambda *asked: chunks.append(1) or compute_points(*asked),
-    )
+    monkeypatch.setattr(Job, "rows", lambda *asked: chunks.append(1) or rows(*asked))
     planner.sweep(path, out)
     assert len(chunks) == 30 - finished
 

@@ -80,7 +80,7 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         raise AssertionError("run again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("octoplan.planner.frontends.sweeps.sweep.compute_points", never)
+        patch.setattr("octoplan.planner.frontends.sweeps.points.Job.rows", never)
         assert main(argv) == 0
         assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
         assert main(argv[:-1]) == 0

@@ -38,7 +38,8 @@ from octoplan.planner.frontends.io.scene_file import (
 )
 from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
-from octoplan.planner.frontends.sweeps.points import RESERVED, VARIABLES, Compute, Job, Point
+from octoplan.planner.frontends.sweeps.points import RESERVED, VARIABLES, Compute, Job
+from octoplan.planner.frontends.sweeps.work import Point
 from octoplan.planner.targets.base import Target
 
 

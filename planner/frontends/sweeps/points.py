@@ -8,7 +8,6 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octoplan.model import InputError, OctoplanError, settle_many
 from octoplan.model.scene import Scene
@@ -18,11 +17,9 @@ from octoplan.planner.frontends.io.calls import run_plan, run_settle, run_stiffn
 from octoplan.planner.frontends.io.codec import arguments
 from octoplan.planner.frontends.io.key_paths import changed
 from octoplan.planner.frontends.io.scene_file import SceneFile, question_of
+from octoplan.planner.frontends.sweeps.work import Point, Rows
 
 Compute = Literal["settle", "plan", "stiffness"]
-Point = tuple[Any, ...]
-Rows = dict[str, NDArray[Any]]
-"""Results at some points: for each variable, by name, an array with one row per point."""
 
 LABELS = {
     "xyz": ["x", "y", "z"],
@@ -141,6 +138,16 @@ class Job:
         question = question_of(changed(self.scene, self.keys[: len(point)], point), self.name)
         return question if self.objects is None else restore(*self.objects, question)
 
+    def rows(self, points: Sequence[Point]) -> Rows:
+        """Return the results at points; a point that fails has the error as `outcome`."""
+        with ProgressLine(False):
+            parts = (
+                [_compute_batch(self, points)]
+                if self.together
+                else [_compute_point(self, point) for point in points]
+            )
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
 
 def restore(original: Any, decoded: Any, new: Any) -> Any:
     """Return `new` with all parts that are equal in `decoded` replaced by parts of `original`.
@@ -163,17 +170,6 @@ def restore(original: Any, decoded: Any, new: Any) -> Any:
     if isinstance(new, tuple | list) and len(original) == len(decoded) == len(new):
         return type(new)(map(restore, original, decoded, new))
     return new
-
-
-def compute_points(job: Job, points: Sequence[Point]) -> Rows:
-    """Return the results at points; a point that fails has the error as `outcome`."""
-    with ProgressLine(False):
-        parts = (
-            [_compute_batch(job, points)]
-            if job.together
-            else [_compute_point(job, p) for p in points]
-        )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _compute_point(job: Job, point: Point) -> Rows:

@@ -32,7 +32,8 @@ from octoplan.planner.frontends.io.files import (
     versions,
 )
 from octoplan.planner.frontends.sweeps.definition import Sweep
-from octoplan.planner.frontends.sweeps.points import LABELS, VARIABLES, Rows, Variable
+from octoplan.planner.frontends.sweeps.points import LABELS, VARIABLES, Variable
+from octoplan.planner.frontends.sweeps.work import Rows, Work
 
 
 class FullDiskError(OctoplanError):
@@ -71,17 +72,17 @@ def folder_of(out: Path) -> Path:
 
 @dataclass(frozen=True)
 class ChunkFiles:
-    """The files of the finished chunks of a sweep.
+    """The files of the finished chunks of some work, such as a sweep.
 
     Attributes
     ----------
     folder : Path
         Created with the first chunk.
-    sweep : Sweep
+    work : Work
     """
 
     folder: Path
-    sweep: Sweep
+    work: Work
 
     def __post_init__(self) -> None:
         """Raise InputError if the folder contains chunks of another sweep."""
@@ -102,7 +103,7 @@ class ChunkFiles:
     def left(self) -> list[int]:
         """Numbers of the unfinished chunks."""
         there = {path.name for path in self.folder.glob("*.npz")}
-        return [i for i in range(self.sweep.chunks) if self._path(i).name not in there]
+        return [i for i in range(self.work.chunks) if self._path(i).name not in there]
 
     def write(self, chunk: int, rows: Rows) -> None:
         """Write a chunk to disk and flush the file; raise FullDiskError."""
@@ -133,7 +134,7 @@ class ChunkFiles:
 
     @property
     def _prefix(self) -> str:
-        return f"{self.sweep.identity[:16]}-"
+        return f"{self.work.identity[:16]}-"
 
 
 # The Dataset

@@ -26,7 +26,6 @@ from octoplan.model.support.progress import end as end_of_limit
 from octoplan.model.support.progress import time_limit as within
 from octoplan.planner.frontends.io.files import path_of, versions
 from octoplan.planner.frontends.sweeps.definition import Sweep, load_sweep, sweep_of
-from octoplan.planner.frontends.sweeps.points import Job, Point, Rows, compute_points
 from octoplan.planner.frontends.sweeps.store import (
     ChunkFiles,
     attributes_in,
@@ -37,6 +36,7 @@ from octoplan.planner.frontends.sweeps.store import (
     save,
     sequential_dask,
 )
+from octoplan.planner.frontends.sweeps.work import Point, PointJob, Rows, Work
 
 Computed = Iterator[tuple[int, Rows]]
 # Chunks in progress per thread of a cluster.
@@ -82,7 +82,7 @@ class VersionsError(OctoplanError):
         )
 
 
-def run_locally(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
+def run_locally(work: Work, chunks: Iterable[int], jobs: int) -> Computed:
     """Yield results of processes of this machine; of this process if jobs = 1. WorkersLostError."""
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
@@ -90,12 +90,12 @@ def run_locally(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
     end = end_of_limit()
     wanted = versions()
     one = joblib.delayed(_run_chunk)
-    work = (one(sweep.job, chunk, sweep.points(chunk), end, wanted) for chunk in list(left))
+    tasks = (one(work.job, chunk, work.points(chunk), end, wanted) for chunk in list(left))
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
     pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **alone)
     try:
         with _sigint_blocked():
-            results = pool(work)
+            results = pool(tasks)
         for chunk, rows in results:
             del left[chunk]
             yield chunk, rows
@@ -122,7 +122,7 @@ def _sigint_blocked() -> Iterator[None]:
 
 
 def _run_chunk(
-    job: Job, chunk: int, points: list[Point], end: float, wanted: dict[str, str]
+    job: PointJob, chunk: int, points: list[Point], end: float, wanted: dict[str, str]
 ) -> tuple[int, Rows]:
     """Return the number of a chunk and the results; raise OutOfTime at the time `end`.
 
@@ -131,7 +131,7 @@ def _run_chunk(
     if versions() != wanted:
         raise VersionsError(versions(), wanted)
     with within(end - time.monotonic()):
-        return chunk, compute_points(job, points)
+        return chunk, job.rows(points)
 
 
 def _end_with(parent: int) -> None:
@@ -145,7 +145,7 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def run_on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
+def run_on_cluster(work: Work, chunks: Iterable[int], scheduler: str) -> Computed:
     """Yield results of the workers of a Dask cluster; a limited number of chunks is in progress.
 
     Joblib's backend for Dask is not used, which waits forever for lost workers. The cluster
@@ -158,7 +158,7 @@ def run_on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Compu
     with _client(scheduler) as client:
         tasks = (
             client.submit(
-                _run_chunk, sweep.job, chunk, sweep.points(chunk), math.inf, wanted, pure=False
+                _run_chunk, work.job, chunk, work.points(chunk), math.inf, wanted, pure=False
             )
             for chunk in list(left)
         )
@@ -273,7 +273,7 @@ def sweep(
         if is_earlier:
             _log.info("%s contains this sweep already; nothing is computed", out)
         return open_dataset(out)
-    _check(jobs)
+    check_jobs(jobs)
     with (
         TemporaryDirectory() as name,
         _computed(wanted, Path(name) / "chunks", jobs, scheduler) as data,
@@ -286,7 +286,7 @@ def write_sweep(
 ) -> tuple[dict[str, Any], bool]:
     """Write the results of a sweep; return the attributes, and whether the file existed."""
     path = Path(out)
-    _check(jobs)
+    check_jobs(jobs)
     check_store(path)
     attributes = attributes_in(path)
     is_earlier = attributes.get("identity") == wanted.identity
@@ -298,7 +298,7 @@ def write_sweep(
     return attributes, is_earlier
 
 
-def _check(jobs: int) -> None:
+def check_jobs(jobs: int) -> None:
     """Raise MissingExtraError or InputError before anything is computed."""
     for package in ("xarray", "dask"):
         needed(package, "sweep")
@@ -308,20 +308,28 @@ def _check(jobs: int) -> None:
 
 @contextmanager
 def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> Iterator[Any]:
-    """Compute the missing chunks of a sweep, then yield the Dataset for use inside the block.
+    """Compute the missing chunks of a sweep, then yield the Dataset for use inside the block."""
+    chunks = compute_chunks(wanted, folder, jobs, scheduler)
+    with sequential_dask():
+        yield gather(wanted, chunks)
 
-    Each chunk is written to a folder when finished.
+
+def compute_chunks(
+    work: Work, folder: Path, jobs: int, scheduler: str | None, phase: str = "points"
+) -> ChunkFiles:
+    """Compute the missing chunks of some work; write each to a folder when finished.
+
+    `phase` names the points in reports of progress. Raises the errors of `sweep`.
     """
-    chunks = ChunkFiles(folder, wanted)
+    chunks = ChunkFiles(folder, work)
     left = chunks.left
     results: Computed = iter(())
     if left and scheduler is not None:
-        results = run_on_cluster(wanted, left, scheduler)
+        results = run_on_cluster(work, left, scheduler)
     elif left:
-        results = run_locally(wanted, left, jobs)
-    for done, (chunk, rows) in enumerate(results, start=wanted.chunks - len(left) + 1):
+        results = run_locally(work, left, jobs)
+    for done, (chunk, rows) in enumerate(results, start=work.chunks - len(left) + 1):
         chunks.write(chunk, rows)
         check_time()
-        report("points", done * wanted.size // wanted.chunks, wanted.size)
-    with sequential_dask():
-        yield gather(wanted, chunks)
+        report(phase, done * work.size // work.chunks, work.size)
+    return chunks
