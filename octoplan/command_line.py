@@ -27,6 +27,8 @@ COMMANDS = {
     "effects": "Compare shape and run time of the scene with and without each effect.",
     "check": "Settle random tensions within the limits in several ways; compare the tips.",
     "sweep": "Compute shapes, plans or stiffness at many values of a scene; resume if interrupted.",
+    "workspace": "Find the tips that the arm reaches within the limits of the scene, and their "
+    "boundary.",
     "calibrate": "Fit parameters of an arm to measured shapes.",
     "design": "Find the arm for which several tasks need the least effort.",
     "export": "Write the map from tensions to shape or its inverse as C code, or the settled arm "
@@ -47,6 +49,7 @@ Keys of the table [stiffness] in the scene file:
 }
 # Modules of the commands; `scenes` for all others.
 _MODULES = dict.fromkeys(("new", "sweep", "calibrate", "design", "schema"), "files")
+_MODULES["workspace"] = "workspaces"
 EXIT_CODES = """\
 Exit codes:
   0    certified, settled or written

@@ -20,6 +20,7 @@ from octoplan.planner.frontends.effect_ablation import switch_effects
 from octoplan.planner.frontends.io.saved_files import load_calibration, load_plan
 from octoplan.planner.frontends.many import plan_many
 from octoplan.planner.frontends.sweeps.sweep import sweep
+from octoplan.planner.frontends.workspaces.workspace import workspace
 from octoplan.planner.limits import Limits
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
@@ -49,4 +50,5 @@ __all__ = [
     "switch_effects",
     "trajectory",
     "urdf",
+    "workspace",
 ]

@@ -32,6 +32,7 @@ from octoplan.planner.frontends.io.records import (
     StiffnessRecord,
     SweepRecord,
     TrajectoryRecord,
+    WorkspaceRecord,
     record,
 )
 from octoplan.planner.frontends.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
@@ -181,6 +182,7 @@ RECORDS: dict[str, type[msgspec.Struct]] = {
     "check": CheckRecord,
     "effects": EffectsRecord,
     "sweep": SweepRecord,
+    "workspace": WorkspaceRecord,
     "calibrate": CalibrationRecord,
     "design": DesignRecord,
     "export": ExportRecord,

@@ -301,3 +301,25 @@ class SweepRecord(Record, kw_only=True):
         about("number of failures by outcome; outcomes that differ in numbers only are merged"),
     ]
     earlier: Annotated[bool, about("whether an earlier run computed everything")] = False
+
+
+class WorkspaceRecord(Record, kw_only=True):
+    """A finished workspace."""
+
+    schema: Annotated[Literal["octoplan workspace 1"], Schema]
+    file: Annotated[str | None, about("path of the Dataset; null if it was not written")]
+    sample: Annotated[int, about("number of sampled tensions with a stable shape")]
+    probe: Annotated[int, about("number of plans whose tips are not on the boundary")]
+    boundary: Annotated[int, about("number of plans whose tips are nearest to a target beyond")]
+    refused: Annotated[int, about("number of samples and plans without a stable shape")]
+    failures: Annotated[
+        dict[str, int],
+        about("number of refusals by reason; reasons that differ in numbers only are merged"),
+    ]
+    tip_min_m: Annotated[Floats, about("smallest x, y and z of the tips")]
+    tip_max_m: Annotated[Floats, about("largest x, y and z of the tips")]
+    effort_max_N: Annotated[float, about("largest effort of the tips")]
+    largest_gap_m: Annotated[
+        float, about("largest distance from the tips of a point that no plan has classified")
+    ]
+    earlier: Annotated[bool, about("whether an earlier run computed everything")] = False

@@ -14,6 +14,7 @@ from octoplan.planner.frontends.plots.results import (
     plot_effects,
     plot_residuals,
 )
+from octoplan.planner.frontends.plots.workspace import plot_workspace
 
 __all__ = [
     "animate_trajectory",
@@ -27,5 +28,6 @@ __all__ = [
     "plot_shape",
     "plot_strains",
     "plot_trajectory",
+    "plot_workspace",
     "save_motion",
 ]

@@ -1,0 +1,1 @@
+"""Workspaces: the tips that an arm reaches within tension limits, and their boundary."""
