@@ -228,7 +228,7 @@ def test_files_have_slack_tendons(tmp_path: Path) -> None:
     assert first.held == (True, False, False)
     assert second.strokes == (0.001, 0.002, 0.003)
     path.write_text(path.read_text().replace("4,5;;nan", ";;"))
-    with pytest.raises(FileError, match=r"line 2.*tensions, or else lengths or strokes"):
+    with pytest.raises(FileError, match=r"line 2.*tensions, or else with lengths or strokes"):
         load_shapes(path, small_arm())
 
 
@@ -314,7 +314,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         _refused(tensions=(None, 0.0, 0.0), lengths=(0.2,) * 3, strokes=(0.0,) * 3),
         "strokes.*omitted, or else lengths, for tendons without tension",
     ),
-    "two strokes": (_calibrated(replace(HELD, strokes=(0.002, None))), "one of each of 3 tendons"),
+    "two strokes": (_calibrated(replace(HELD, strokes=(0.002, None))), "3 numbers, one for each"),
     "a stroke in mm": (
         _calibrated(replace(HELD, strokes=(None, 0.3, None))),
         "strokes, T_12 = 0.3.*is it in mm",

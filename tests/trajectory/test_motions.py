@@ -146,7 +146,9 @@ def test_functions_and_files_are_paths(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_path_that_leaves_the_reach_is_refused_with_from_where_to_where() -> None:
     beyond = [TipPosition((x, 0.05, 0.0)) for x in (0.42, 0.5, 0.52, 0.42)]
-    with pytest.raises(InputError, match=r"targets\[1\] to \[2\] = 'not reached'"):
+    with pytest.raises(
+        InputError, match=r"targets\[1\] to \[2\] = TipPosition.*: must be within reach"
+    ):
         trajectory(ARM, beyond, SCENE, 20.0, rate_max=2.0)
 
 
