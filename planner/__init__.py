@@ -9,6 +9,7 @@ from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, R
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.extensions.load_estimate.sensing import estimate_load
+from octoplan.planner.extensions.tracking.tracker import Tracker
 from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.accuracy_study import accuracy_study
@@ -32,6 +33,7 @@ __all__ = [
     "Measured",
     "Plan",
     "Reach",
+    "Tracker",
     "Trajectory",
     "Unknown",
     "accuracy_study",

@@ -27,7 +27,14 @@ def conic_program(H: Array, cost: Array, cones: Sequence[Cone]) -> tuple[Array, 
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
     kinds, rows, numbers = zip(*cones, strict=True)
     sized = [kind(len(offsets)) for kind, offsets in zip(kinds, numbers, strict=True)]
-    A, b = csc_array(-np.vstack(rows)), np.concatenate(numbers)
-    solution = clarabel.DefaultSolver(csc_array(np.triu(H)), cost, A, b, sized, settings).solve()
+    A, b = _sparse(-np.vstack(rows)), np.concatenate(numbers)
+    solution = clarabel.DefaultSolver(_sparse(np.triu(H)), cost, A, b, sized, settings).solve()
     solved = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
     return (np.array(solution.x), np.array(solution.z)) if solved else None
+
+
+def _sparse(dense: Array) -> csc_array:
+    """Return a small matrix as a sparse one, with less overhead than the constructor of SciPy."""
+    columns, rows = np.nonzero(dense.T)
+    starts = np.searchsorted(columns, np.arange(dense.shape[1] + 1))
+    return csc_array((dense[rows, columns], rows, starts), shape=dense.shape)

@@ -1,0 +1,1 @@
+"""Tracking: tensions for a moving target, in bounded time per step."""
