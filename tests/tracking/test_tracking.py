@@ -133,6 +133,7 @@ def test_a_target_out_of_reach_ends_at_the_nearest_shape() -> None:
     miss = np.linalg.norm(step.shape.tip - np.array(beyond.position))
     assert miss == pytest.approx(np.linalg.norm(nearest.tip - np.array(beyond.position)), rel=1e-6)
     assert step.residuals["tip position"] == pytest.approx(miss)
+    assert step.residual == pytest.approx(miss / ARM.length)
     # The arm returns to its target.
     for _ in range(20):
         step = tracker.step(TipPosition(START))

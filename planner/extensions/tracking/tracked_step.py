@@ -61,6 +61,15 @@ class TrackedStep:
     units: Mapping[str, str]
 
     @property
+    def residual(self) -> float:
+        """The largest residual: lengths over the arm's length, angles [rad]."""
+        sizes = {"L": self.shape.arm.length}
+        parts = self.residuals.items()
+        return max(
+            (size / sizes.get(self.units.get(name, ""), 1.0) for name, size in parts), default=0.0
+        )
+
+    @property
     def stability(self) -> float:
         """The stability of the shape, computed at the first reading; see `Shape.stability`.
 
