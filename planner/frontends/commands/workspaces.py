@@ -22,9 +22,9 @@ from octoplan.planner.frontends.io.records import WorkspaceRecord, record
 from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.frontends.report import figure
 from octoplan.planner.frontends.sweeps.store import open_dataset
+from octoplan.planner.frontends.workspaces.verdicts import KINDS
 from octoplan.planner.frontends.workspaces.workspace import (
     ACCURACY,
-    KINDS,
     PROBES,
     SAMPLES,
     workspace_of,

@@ -16,7 +16,6 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from octoplan.model.arm import Arm
 from octoplan.model.forward import checked_accuracy
@@ -40,17 +39,19 @@ from octoplan.planner.frontends.sweeps.store import (
 )
 from octoplan.planner.frontends.sweeps.sweep import check_jobs, compute_chunks
 from octoplan.planner.frontends.sweeps.work import Point, Rows
-from octoplan.planner.frontends.workspaces.gaps import (
-    MARGIN,
-    Classified,
-    Region,
-    is_in_hull,
-    regions_of,
-)
-from octoplan.planner.frontends.workspaces.points import LABELS, REACHED, VARIABLES, WorkspaceJob
+from octoplan.planner.frontends.workspaces.gaps import MARGIN, Classified, Region, regions_of
+from octoplan.planner.frontends.workspaces.points import LABELS, VARIABLES, WorkspaceJob
 from octoplan.planner.frontends.workspaces.sampling import sampled_tensions
+from octoplan.planner.frontends.workspaces.verdicts import (
+    KINDS,
+    classified,
+    doubtful,
+    kinds_of,
+    nearest_tensions,
+    replace_plans,
+    targets_of,
+)
 from octoplan.planner.limits import Limits, checked_limits
-from octoplan.planner.nlp_solution import KKT_TOLERANCE
 from octoplan.planner.planning_problem import planned_scene
 
 _log = logging.getLogger("octoplan.planner.frontends.workspaces")
@@ -65,14 +66,7 @@ _ROUNDS = 5
 _IN_SPACE = 0.3
 # Number of points in a chunk: an interruption loses the chunks in progress.
 _CHUNK = 8
-# Effort over the median of tips nearby above which a plan is searched again in full [-], and the
-# number of tips nearby. The effort of local optima is often twice as large.
-_DEAR = 1.2
-_NEARBY = 6
 _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
-KINDS = ("sample", "probe", "boundary", "refused")
-"""Kinds of points: a settled sample; a tip of a plan; a tip of a plan that is nearest to a target
-out of reach; a point without a stable shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,17 +161,17 @@ class Workspace:
         prober = replace(job, is_probe=True)
         searched = np.zeros(0, int)
         for i in range(_ROUNDS + 1):
-            again = np.setdiff1d(_doubtful(known, job), searched)
+            again = np.setdiff1d(doubtful(known, job), searched)
             targets = self._targets(known, regions, i)
-            points = np.vstack([targets, _targets_of(known)[again]])
+            points = np.vstack([targets, targets_of(known)[again]])
             in_full = np.arange(len(points)) >= len(targets)
-            nearest = _nearest_tensions(known, points)
+            nearest = nearest_tensions(known, points)
             stage = _Stage(prober, np.column_stack([points, in_full, nearest]), self.identity)
             rows = rows_of(f"probes-{i}", stage, f"plans of round {i + 1} of {_ROUNDS + 1}")
             if rows:
                 new = {name: each[: len(targets)] for name, each in rows.items()}
                 better = {name: each[len(targets) :] for name, each in rows.items()}
-                _replace(known, again, better, job)
+                replace_plans(known, again, better, job)
                 known = {name: np.concatenate([known[name], new[name]]) for name in known}
             searched = np.union1d(searched, again)
             tips = known["tip"][known["settled"]]
@@ -188,7 +182,7 @@ class Workspace:
         """Return the new targets of a round (m, 3)."""
         if number == _ROUNDS:
             return np.zeros((0, 3))
-        state = _classified(known, self.job)
+        state = classified(known, self.job)
         total = self.probes * (number + 1) // _ROUNDS - self.probes * number // _ROUNDS
         targets = np.zeros((0, 3))
         for left, region in zip(range(len(regions), 0, -1), regions, strict=True):
@@ -202,8 +196,8 @@ class Workspace:
     def _dataset(self, known: Rows, regions: Sequence[Region]) -> Any:
         xarray = needed("xarray", "sweep")
         job = self.job
-        state = _classified(known, job)
-        kinds = _kinds(known, job)
+        state = classified(known, job)
+        kinds = kinds_of(known, job)
         rows = {**known, "outcome": known["outcome"].astype(str)}
         variables = dict[str, Any]()
         for name, item in VARIABLES.items():
@@ -262,97 +256,6 @@ class Workspace:
             "scene": msgspec.json.encode(table).decode(),
             **{f"{name}_version": number for name, number in versions().items()},
         }
-
-
-def _misses(known: Rows) -> Array:
-    """Return the distances (m,) of tips from targets [m]; nan for samples and failures."""
-    return np.asarray(np.linalg.norm(known["tip"] - known["target"], axis=1))
-
-
-def _least_distances(known: Rows) -> Array:
-    """Return the distances (m,) of targets from the nearest known tip [m]; nan without a target."""
-    tree = KDTree(known["tip"][known["settled"]])
-    distances = np.full(len(known["tip"]), np.nan)
-    probes = np.isfinite(known["target"][:, 0])
-    if probes.any():
-        distances[probes] = tree.query(known["target"][probes])[0]
-    return distances
-
-
-def _nearest_tensions(known: Rows, points: Array) -> Array:
-    """Return the tensions (m, n_tendons) of the tips nearest to points (m, 3) [N]."""
-    settled = known["settled"]
-    _, nearest = KDTree(known["tip"][settled]).query(points.reshape(-1, 3))
-    return np.asarray(known["tensions"][settled][nearest])
-
-
-def _targets_of(known: Rows) -> Array:
-    """Return the targets of plans, and the tips of samples (m, 3) [m]."""
-    is_probe = np.isfinite(known["target"][:, :1])
-    return np.where(is_probe, known["target"], known["tip"])
-
-
-def _doubtful(known: Rows, job: WorkspaceJob) -> NDArray[np.int_]:
-    """Return the indices of plans whose search found another local optimum than the best.
-
-    Such a plan is no local optimum, or farther from the target than a known tip; its target is out
-    of reach though between known tips; or its effort exceeds that of tips nearby.
-    """
-    tolerance = REACHED * job.accuracy * job.arm.length
-    misses = _misses(known)
-    is_missed = misses > tolerance
-    is_farther = misses > _least_distances(known) + tolerance
-    doubtful = is_farther | (is_missed & ~(known["optimality"] <= KKT_TOLERANCE))
-    settled = np.flatnonzero(known["settled"])
-    missed = np.flatnonzero(is_missed)
-    is_between = is_in_hull(known["target"][missed], known["tip"][settled])
-    doubtful[missed[is_between]] = True
-    if len(settled) > _NEARBY and job.least_effort:
-        tips = known["tip"][settled]
-        effort = known["effort"][settled]
-        _, nearby = KDTree(tips).query(tips, _NEARBY + 1)
-        usual = np.median(effort[nearby[:, 1:]], axis=1)
-        is_dear = (effort > _DEAR * usual) & ~is_missed[settled]
-        doubtful[settled[is_dear]] = True
-    return np.flatnonzero(doubtful)
-
-
-def _replace(known: Rows, which: NDArray[np.int_], rows: Rows, job: WorkspaceJob) -> None:
-    """Replace plans by those of a full search, if nearer to the target or of less effort."""
-    tolerance = REACHED * job.accuracy * job.arm.length
-    before = np.linalg.norm(known["tip"] - _targets_of(known), axis=1)[which]
-    after = _misses(rows)
-    is_nearer = after < before - tolerance
-    is_cheaper = (after <= before + tolerance) & (rows["effort"] < known["effort"][which])
-    was_optimal = (before <= tolerance) | (known["optimality"][which] <= KKT_TOLERANCE)
-    is_optimal = (after <= before + tolerance) & ~was_optimal
-    is_better = rows["settled"] & (is_nearer | is_cheaper | is_optimal)
-    for name in known:
-        if name != "target":
-            known[name][which[is_better]] = rows[name][is_better]
-
-
-def _kinds(known: Rows, job: WorkspaceJob) -> NDArray[Any]:
-    """Return the index in KINDS of each point."""
-    tolerance = REACHED * job.accuracy * job.arm.length
-    misses = _misses(known)
-    is_probe = np.isfinite(known["target"][:, 0])
-    is_nearest = (misses > tolerance) & (misses <= _least_distances(known) + tolerance)
-    is_boundary = is_nearest & (known["optimality"] <= KKT_TOLERANCE)
-    kinds = np.where(is_probe, KINDS.index("probe"), KINDS.index("sample"))
-    kinds[is_boundary] = KINDS.index("boundary")
-    kinds[~known["settled"]] = KINDS.index("refused")
-    return kinds
-
-
-def _classified(known: Rows, job: WorkspaceJob) -> Classified:
-    """Return the known tips, and the balls around the targets of boundary points."""
-    is_boundary = _kinds(known, job) == KINDS.index("boundary")
-    return Classified(
-        known["tip"][known["settled"]],
-        known["target"][is_boundary],
-        _least_distances(known)[is_boundary],
-    )
 
 
 # The public function
