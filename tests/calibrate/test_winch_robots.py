@@ -22,6 +22,7 @@ from octoplan.planner.extensions.fit.fitted import parameters_of
 from octoplan.planner.extensions.fit.orders import common_orders, section_orders
 from octoplan.planner.extensions.fit.residuals import from_rest
 from octoplan.planner.frontends.io.csv_files import load_shapes
+from octoplan.planner.frontends.io.fit_files import load_asked
 from tests.calibrate.cases import HANGING, MARKERS, PULLS, small_arm, synthetic
 from tests.differences import fourth_order
 
@@ -236,6 +237,25 @@ def _mirrored(measured: Measured, order: tuple[int, ...]) -> Measured:
     return measured.checked(small_arm(), measured.name).reordered(order)
 
 
+def test_calibration_files_have_stretch(tmp_path: Path) -> None:
+    scene = "arm.length_mm = 200\narm.radius_mm = [10, 9]\n"
+    scene += "arm.sections = [{ at_mm = 200, offset_mm = [6, 5] }]\n"
+    (tmp_path / "scene.toml").write_text(scene)
+    columns = [f"stroke_T_1{j}_mm" for j in (1, 2, 3, 4)] + ["tip_x_mm"]
+    (tmp_path / "shapes.csv").write_text(",".join(columns) + "\n4,,,,190\n")
+    path = tmp_path / "calibration.toml"
+    path.write_text(
+        'scene = "scene.toml"\nmeasured = "shapes.csv"\ntendon_EA = 400\ntendon_outside_mm = 300\n'
+        '[[unknowns]]\nkey = "winches.zero_mm[0]"\nlower = -3\nupper = 3\n'
+    )
+    given = load_asked(path)
+    assert given["tendon_EA"] == EA
+    assert given["tendon_outside"] == OUTSIDE
+    assert given["starts"] is None
+    assert given["measured"][0].strokes == (0.004, None, None, None)
+    assert given["unknowns"] == [ZEROS[0]]
+
+
 @pytest.mark.quick("mirrored")
 @pytest.mark.parametrize("order", [(0, 2, 1), (1, 2, 0)], ids=["mirrored", "shifted"])
 def test_a_wrong_order_of_tendons_is_found_and_reported(order: tuple[int, ...]) -> None:
@@ -291,6 +311,8 @@ def test_more_starts_are_tried_if_shapes_are_missed() -> None:
     assert len(found.starts) > 1
     assert found.unreached == ()
     assert abs(found.values[0]) == pytest.approx(180.0, abs=1.0)
+    once = calibrate(small_arm(), HANGING, shapes, unknowns, starts=1)
+    assert len(once.starts) == 1
 
 
 def _refused(**given: Any) -> Callable[[], object]:

@@ -47,7 +47,7 @@ from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 ACCURACY = 1e-5
 # Distance between tips, over the arm's length, above which two shapes are on different branches.
 _ASTRAY = 1e-3
-# Number of fits from different values if the requested ones miss shapes.
+# Largest number of fits from different values if none is given and shapes are missed.
 _STARTS = 8
 # Largest number of fits that restart from shapes settled from rest.
 _ROUNDS = 3
@@ -70,7 +70,7 @@ def calibrate(
     absolute_std: bool = False,
     tendon_EA: float | None = None,
     tendon_outside: float = 0.0,
-    starts: int = 1,
+    starts: int | None = None,
     seed: int = 0,
     accuracy: float = ACCURACY,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
@@ -106,9 +106,9 @@ def calibrate(
         Length of each tendon between winch and base, which also stretches [m].
     starts : int
         Number of fits. The first one starts at the values of arm and scene, the others at values
-        that are spread evenly over the bounds. The best fit is returned. If shapes are off by a
-        tenth of the arm's length, further fits are started, up to 8 in all. If the fit remains bad,
-        mirrored and shifted orders of the tendons are tried; see Calibration.orders.
+        that are spread evenly over the bounds. The best fit is returned. By default 1, and up to 8
+        if shapes are off by a tenth of the arm's length. If the best fit is bad, mirrored and
+        shifted orders of the tendons are tried; see Calibration.orders.
     seed : int
         Random seed of the other starts.
     accuracy : float
@@ -138,8 +138,8 @@ def calibrate(
     scene = supported_scene(arm, scene)
     if not isinstance(loss, str) or loss not in get_args(Loss):
         raise InputError("loss", loss, such(Loss))
-    if not (isinstance(starts, int) and 1 <= starts <= 1000):
-        raise InputError("starts", starts, "a whole number from 1 to 1000")
+    if starts is not None and not (isinstance(starts, int) and 1 <= starts <= 1000):
+        raise InputError("starts", starts, "a whole number from 1 to 1000, or None")
     shapes = checked_shapes(arm, measured)
     winches = _checked_winches(tendon_EA, tendon_outside, shapes)
     parameters = parameters_of(arm, scene, unknowns, shapes, winches)
@@ -165,8 +165,8 @@ def calibrate(
     stopped = False
     with limited(time_limit):
         try:
-            initial = parameters.multistart(max(starts, _STARTS), seed)
-            search.run(initial[:starts], initial[starts:])
+            initial = parameters.multistart(starts or _STARTS, seed)
+            search.run(initial[: starts or 1], initial[starts or 1 :])
         except OutOfTime:
             stopped = True
         best = search.best

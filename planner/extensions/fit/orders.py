@@ -44,8 +44,11 @@ class Order(NamedTuple):
 
 
 def is_bad(at: Evaluation) -> bool:
-    """Return whether a fit misses shapes, or explains less than most of the motion of markers."""
-    if unreached(at):
+    """Return whether a fit misses half of the shapes, or most of the motion of markers.
+
+    A wrong order displaces most shapes; fewer shapes that are missed are outliers.
+    """
+    if 2 * len(unreached(at)) >= len(at.equilibria):
         return True
     motion = _motion(at)
     return bool(motion and mean_distance(at.named()) > _BAD * motion)

@@ -54,7 +54,10 @@ class CalibrationFile(Table, frozen=True):
     loss: Annotated[
         Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
     ] = "linear"
-    starts: Annotated[int, Meta(ge=1, le=1000, description="number of initial guesses")] = 1
+    starts: Annotated[
+        Annotated[int, Meta(ge=1, le=1000)] | None,
+        Meta(description="number of initial guesses; 1 by default, more if shapes are missed"),
+    ] = None
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
 
 
