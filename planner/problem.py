@@ -109,7 +109,7 @@ class Problem:
         self.effort_unit = self._effort_unit()
         stations = sorted({*self.target_set.stations, *(s for b in blocks for s in b.stations())})
         rod = self._rod(tuple(stations))
-        self.forward = Collocation(rod)
+        self.forward = _forward(rod)
         self.stretch = _least_stretch(rod)
         self.blocks = (
             *([PeakTension()] if self.options.norm == "inf" else []),
@@ -381,6 +381,12 @@ def tension_scales(arm: Arm, limits: TendonLimits) -> Array:
 def _without_effect(arm: Arm, upper: Array) -> Array:
     """Return which tendons have an upper limit without effect on the shape."""
     return np.asarray(upper <= NO_EFFECT * natural_tensions(arm))
+
+
+@lru_cache(maxsize=24)
+def _forward(rod: DiscreteRod) -> Collocation:
+    """Return the equations of equilibrium, with the equilibrium under the loads if known."""
+    return Collocation(rod)
 
 
 @lru_cache(maxsize=24)

@@ -59,13 +59,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import csc_array
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
 
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations, Term
@@ -77,6 +78,7 @@ from octoplan.planner.targets.target_rows import EQUALITY
 
 # Kind of the rows of equilibrium, and of the equations of blocks.
 EQUILIBRIUM = "equilibrium"
+Index = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -300,6 +302,21 @@ class Program:
         """Return objective (1,), gradient, rows and Jacobian."""
         f, gradient, g, nonzeros = (value.ravel() for value in self._evaluated(w, p))
         return f, gradient, g, csc_array((nonzeros, *self._sparsity), shape=(g.size, w.size))
+
+    def hessian(self, w: Array, p: Array, lam: Array) -> csc_array:
+        """Return the Hessian of the Lagrangian, by multipliers of all rows."""
+        function, row, colind = self._hessian
+        (nonzeros,) = function(w, p, np.ones(1), lam)
+        upper = csc_array((nonzeros.ravel(), row, colind), shape=(w.size, w.size))
+        return upper + upper.T - diags_array(upper.diagonal())
+
+    @cached_property
+    def _hessian(self) -> tuple[BufferedFunction, Index, Index]:
+        """The nonzeros of the upper Hessian as a function, and their places."""
+        arguments = self.function.mx_in()
+        H = self.function.call(arguments, True, False)[-1]
+        function = BufferedFunction(ca.Function("hessian", arguments, [ca.densify(H.nz[:])]))
+        return function, np.array(H.row(), np.int32), np.array(H.sparsity().colind(), np.int32)
 
     def relaxed(self, epsilon: float) -> Nlp:
         """Return the program with the relaxed equalities c(w) = epsilon (e - e_0).

@@ -189,6 +189,9 @@ class _Branch:
         rate = point.by_direction(self.goal - self.begin)
         rotation = 2 * self.step * float(np.abs(rate[layout.nodes[:, :4]]).max())
         step = self.step * min(1.0, MAX_STEP_ROTATION / max(rotation, MAX_STEP_ROTATION))
+        if step < min_step * max(reached, min_step):
+            self.end = self.end._replace(why=SNAPS)
+            return None
         # Reach the end of the line to the last digit in spite of rounding.
         self.fraction = 1.0 if step == 1.0 - reached else reached + step
         at = self.begin + self.fraction * (self.goal - self.begin)

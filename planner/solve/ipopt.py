@@ -71,20 +71,15 @@ WARM: Options = {
     "acceptable_iter": 4,
     "max_iter": 40,
 }
-# Purposes of a solve: from a guess; from a guess, with target equalities to more digits; from an
-# equilibrium, confined to a box; from the optimum for another target; from the optimum of nearly
-# the same program; to the last digits.
-Purpose = Literal["search", "meet", "step", "follow", "near", "polish"]
-# Largest number of iterations in a box. Steps that converge take 8 to 25; a smaller box costs less
-# than the end of a long solve.
-_IN_BOX: Options = {"max_iter": 30}
+# Purposes of a solve: from a guess; from a guess, with target equalities to more digits; from the
+# optimum for another target; from the optimum of nearly the same program; to the last digits.
+Purpose = Literal["search", "meet", "follow", "near", "polish"]
 # An objective that outweighs the barrier saves a sixth of the iterations. theta_max_fact limits the
 # violation of equilibrium to ten times that of the guess.
 _SEARCH = COLD | _ROUGH | {"obj_scaling_factor": 30 * OBJECTIVE_SCALE, "theta_max_fact": 10.0}
 _EXACT: dict[Purpose, Options] = {
     "search": _SEARCH,
     "meet": _SEARCH,
-    "step": _SEARCH | _IN_BOX,
     # The optimum for another target may have other active bounds.
     "follow": WARM | _ROUGH | {"max_iter": 60},
     "near": WARM,
@@ -97,7 +92,6 @@ _SMALL_SCALING: Options = {"obj_scaling_factor": 100 * OBJECTIVE_SCALE}
 _SMALL: Options = _SMALL_SCALING | {"max_iter": 200}
 _RELAXED: dict[Purpose, Options] = {
     "search": COLD | _SMALL | {"mu_init": 1e-3},
-    "step": COLD | _SMALL | {"mu_init": 1e-3} | _IN_BOX,
     "near": WARM | _SMALL_SCALING,
     "polish": _EXACT["polish"] | _SMALL_SCALING,
 }
@@ -107,7 +101,7 @@ _FAR: Options = {"obj_scaling_factor": 100.0, "mu_init": 0.1, "max_iter": 100}
 _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
     "exact": _EXACT,
     "closest": _RELAXED,
-    "nearest": _RELAXED | {"search": COLD | _FAR, "step": COLD | _FAR | _IN_BOX},
+    "nearest": _RELAXED | {"search": COLD | _FAR},
 }
 
 # Return statuses that count as convergence.

@@ -2,13 +2,14 @@
 
 A stage solves the program from one initial guess after another, tests the stability of the optima,
 and refines the best one. Optima below the required stability are solved again with a lower bound on
-the eigenvalue of the least stable mode (octoplan.planner.solve.margin), or replaced by descents
-from stable shapes (octoplan.planner.solve.stable_descent).
+the eigenvalue of the least stable mode (octoplan.planner.solve.margin). If loads act before
+tensions, solves descend from stable shapes (octoplan.planner.solve.stable_descent).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from heapq import merge
 from itertools import chain, islice
@@ -19,6 +20,8 @@ import numpy as np
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.paths import Array
+from octoplan.model.rod.nodes import POSE
+from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.block import Block
 from octoplan.planner.nlp_options import Mode
@@ -43,6 +46,11 @@ SAME_OPTIMUM = 1e-4
 # Lower bounds on the stability, tried in this order, if the arm takes another shape under the
 # tensions of all optima [-]; 1 is an arm at rest.
 STABILITY_FLOORS = (0.3, 0.5)
+# Number of steps after which a multistart of two or more descents ends if there is an optimum:
+# most targets have equal optima after 60 steps.
+MAX_STEPS = 80
+# Largest distance of nodes over L at which two shapes are the same [-].
+SAME_SHAPE = 1e-2
 # Largest number of optima that are solved again with a lower bound on the stability.
 MAX_ENFORCED = 4
 _PHASES: dict[Mode, str] = {
@@ -52,11 +60,37 @@ _PHASES: dict[Mode, str] = {
 }
 
 
-def solve_from_guess(problem: Problem, T: Array, defect: Array | None = None) -> NlpSolution:
-    """Solve a program from tensions (n_tendons,) [N], corrected by the defect of the mesh."""
+def solve_from_guess(problem: Problem, controls: Array, defect: Array | None = None) -> NlpSolution:
+    """Solve a program from tensions [N], and base joints if any, corrected by a defect.
+
+    If loads act before tensions, descend from the last stable shape on the way to the tensions. If
+    the arm takes another shape under the tensions of the optimum, descend again from there with
+    more stability: the arm more often takes shapes with more stability.
+    """
+    tensions, joints = np.split(controls, [problem.arm.n_tendons])
+    task = problem.task.at_base(tuple(joints.tolist())) if joints.size else problem.task
+    forward = problem.forward_at(task.arm)
+    if forward.loads_first:
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            start = forward.solve_towards(tensions)
+            count = 0
+            for floor in (problem.options.floor, *STABILITY_FLOORS):
+                solution = descend(problem.replace(floor=floor), start, defect)
+                count += solution.iterations
+                solution = replace(solution, iterations=count)
+                if not solution.converged:
+                    return solution
+                try:
+                    start = problem.forward_at(solution.task.arm).solve(solution.tensions)
+                except SnapError:
+                    # The refinement decides: the coarse mesh snaps too early near a fold.
+                    return solution
+                if _has_shape(solution, start):
+                    return solution
+            return replace(solution, converged=False)
     # Least squares do not converge from an arm far from the equilibrium under the weight.
     is_relaxed = problem.options.mode != "exact"
-    x = problem.guess(T, settled=is_relaxed)
+    x = problem.guess(controls, settled=is_relaxed)
     purpose: Purpose = "search" if defect is None else "meet"
     solution = solve(problem, x, problem.parameters(SEARCH_WEIGHT, defect), purpose=purpose)
     check_time()
@@ -85,10 +119,6 @@ class RelaxationStage:
         Optima that finer meshes do not have.
     below_margin : list of NlpSolution
         Unstable optima without a nearby optimum of the required stability.
-    starts : list of Equilibrium
-        Stable shapes on the coarse mesh to descend from, in place of unstable optima.
-    descended : list of NlpSolution
-        Stable optima from `starts`.
     last : NlpSolution or None
         Solution from the last guess.
     corrected : NlpSolution or None
@@ -107,8 +137,6 @@ class RelaxationStage:
     unstable: list[NlpSolution] = field(default_factory=list)
     rejected: list[NlpSolution] = field(default_factory=list)
     below_margin: list[NlpSolution] = field(default_factory=list)
-    starts: list[Equilibrium] = field(default_factory=list)
-    descended: list[NlpSolution] = field(default_factory=list)
     last: NlpSolution | None = None
     corrected: NlpSolution | None = None
     refined: NlpSolution | None = None
@@ -128,11 +156,6 @@ class RelaxationStage:
         """Whether targets are relaxed, and the least squares of no stable optimum vanish."""
         return self.mode != "exact" and not any(each.f <= NEARLY_MET for each in self.stable)
 
-    @property
-    def best_is_stable(self) -> bool:
-        """Whether the optimum with the least objective is stable."""
-        return bool(self.optima) and self.optima[0] in self.stable
-
     def multistart(
         self, most: int | None = None, until_met: bool = False, until_equal: bool = True
     ) -> None:
@@ -151,24 +174,22 @@ class RelaxationStage:
         if self.corrected is not None:
             problem, defect = self.corrected.problem, self.corrected.defect
         for T in islice(self.guesses, most):
-            if until_equal and self.multistart_done():
+            if until_equal and self.multistart_done(problem.forward.loads_first):
                 return
             if until_met and self.some_optimum_meets:
                 return
             report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
             self._record(solve_from_guess(problem, T, defect))
 
-    def multistart_done(self) -> bool:
+    def multistart_done(self, descends: bool = False) -> bool:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.
 
         The latter counts if guesses come in the order of effort and the targets are met: the
-        distance of a nearest shape does not depend on this order. One unstable optimum that nearly
-        meets the targets is enough if there are stable shapes to descend from.
+        distance of a nearest shape does not depend on this order. If solves are descents, their
+        number of steps is limited, too.
         """
         if self.task.guesses is not None:
             return False
-        if self.starts and self.some_optimum_meets:
-            return True
         trials, mode, n_conditions = self.trials, self.mode, self.task.target_set.conditions
         objectives = [trial.objective if trial.met else np.inf for trial in trials]
         best = min(objectives, default=np.inf)
@@ -177,6 +198,9 @@ class RelaxationStage:
         is_by_effort = best < np.inf and n_conditions > POINT
         n_since_best = len(trials) - 1 - objectives.index(best) if is_by_effort else 0
         is_equal = n_equal_optima(trials) >= N_EQUAL_OPTIMA + needs_more
+        n_steps = sum(trial.iterations for trial in trials)
+        if descends and best < np.inf and len(trials) > 1 and n_steps > MAX_STEPS:
+            return True
         return is_equal or (mode == "exact" and n_since_best >= N_EQUAL_OPTIMA)
 
     def confirms(self, optimum: NlpSolution) -> bool:
@@ -261,8 +285,6 @@ class RelaxationStage:
         """
         lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
         streams = [self._enforce_margin(unstable[f]) for f in sorted(unstable)[:MAX_ENFORCED]]
-        if (self.starts or self.descended) and (unstable or not self.stable):
-            streams = [self._descend(min(unstable, default=0.0))]
         stable = sorted(((each.f, each) for each in self.stable), key=itemgetter(0))
         for f, optimum in merge(stable, *streams, key=itemgetter(0)):
             if f > limit:
@@ -294,44 +316,6 @@ class RelaxationStage:
                         return refined.result(self.trials)
         return None
 
-    def best_of_descents(self, near: Iterable[NlpSolution]) -> Solution | None:
-        """Return a result of a descent from a stable optimum that meets relaxed targets, or None.
-
-        Each optimum of `near` is tried in turn; optima that miss the targets are skipped.
-        """
-        problem = self._problem().replace(modes=1)
-        for relaxed in near:
-            if relaxed.f <= NEARLY_MET:
-                optimum = descend(problem, relaxed.problem.linearised(relaxed.x))
-                self.descended += [] if optimum is None else [optimum]
-                refined = None if optimum is None else refine(optimum)
-                if refined is not None:
-                    self.refined = refined
-                    return refined.result(self.trials)
-        return None
-
-    def descents(self) -> Iterator[NlpSolution]:
-        """Yield stable optima from the starts, until enough are equal; each start is used once."""
-        problem = self._problem().replace(modes=1)
-        while self.starts:
-            report("descents from sampled shapes", len(self.descended))
-            optimum = descend(problem, self.starts.pop(0))
-            if optimum is not None:
-                self.descended.append(optimum)
-                yield optimum
-            best = min((each.f for each in self.descended), default=np.inf)
-            n_equal = sum(each.f <= (1 + COARSE_RTOL) * best for each in self.descended)
-            if best > NEARLY_MET and n_equal >= N_EQUAL_OPTIMA:
-                break
-
-    def _descend(self, bound: float) -> Iterator[tuple[float, NlpSolution | None]]:
-        """Yield a lower bound of the objective with None, then stable optima from the starts."""
-        yield bound, None
-        for _ in self.descents():
-            pass
-        for optimum in sorted(self.descended, key=attrgetter("f")):
-            yield optimum.f, optimum
-
     def _enforce_margin(
         self, optimum: NlpSolution, floor: float = 0.0
     ) -> Iterator[tuple[float, NlpSolution | None]]:
@@ -348,6 +332,14 @@ class RelaxationStage:
             self.below_margin.append(optimum)
         else:
             yield near.f, near
+
+
+def _has_shape(optimum: NlpSolution, shape: Equilibrium) -> bool:
+    """Return whether an equilibrium on the mesh of an optimum has the shape of the optimum."""
+    states = optimum.problem.linearised(optimum.x).states
+    places = shape.system.layout.nodes[:, 4:POSE]
+    apart = np.linalg.norm(states[places] - shape.states[places], axis=1)
+    return bool(apart.max() <= SAME_SHAPE * optimum.problem.arm.length)
 
 
 def _is_same(one: NlpSolution, other: NlpSolution) -> bool:

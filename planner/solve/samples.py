@@ -17,7 +17,6 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.forward import REFINEMENTS
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
@@ -98,18 +97,6 @@ class Samples:
         unit = tension_scales(self.task.arm, self.task.allowed)
         for T in distinct(tensions, unit, FAR_APART):
             yield self.points[int((tensions == T).all(axis=1).argmax())]
-
-    def stable(self, count: int, margin: float) -> list[Equilibrium]:
-        """Return at most `count` of the nearest distinct equilibria above a stability margin.
-
-        The list is empty unless loads act before tensions: other samples are not on load paths from
-        rest.
-        """
-        if not (self.points and is_loaded(self.task.arm, self.task.scene)):
-            return []
-        if not Problem(self.task, self.task.coarse("nearest")).forward.loads_first:
-            return []
-        return [*islice((each for each in self.distinct() if is_stable(each, margin)), count)]
 
 
 def sample(task: PlanningProblem, n_nearest: int) -> Samples:

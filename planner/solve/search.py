@@ -8,9 +8,7 @@ search.
    optima are equal. The exact mode first has three guesses, unless a number is given. If no guess
    has an optimum, the search goes on to the next mode.
 2. Samples, if a relaxed mode misses the targets: sample shapes over the limits, and solve from the
-   nearest samples. If loads act before tensions, descend from stable samples in small steps
-   (octoplan.planner.solve.stable_descent), and from the first shape that meets the targets to the
-   least effort.
+   nearest samples.
 3. Return to the exact mode, if a relaxed mode nearly meets the targets: the optimum is the first
    guess, and the guesses that are left come next.
 4. Refine the best optimum: correct the program by the defect of the mesh and solve again, warm
@@ -20,7 +18,8 @@ search.
    explains, solve the exact program nearby, corrected by the same defect.
 
 Optima under loads may be unstable. Unstable optima are solved again with a lower bound on the
-eigenvalue of the least stable mode (octoplan.planner.solve.relaxation_stage).
+eigenvalue of the least stable mode (octoplan.planner.solve.relaxation_stage). If loads act before
+tensions, each solve descends from a stable shape (octoplan.planner.solve.stable_descent).
 """
 
 from __future__ import annotations
@@ -46,6 +45,7 @@ from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_gu
 from octoplan.planner.solve.refine import on_mesh
 from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, NEARLY_MET, RelaxationStage
 from octoplan.planner.solve.samples import Samples, sample
+from octoplan.planner.solve.stable_descent import descend
 from octoplan.planner.targets.target_set import LOW_PRIORITY
 
 # Number of guesses of the exact mode before relaxed modes are tried.
@@ -58,8 +58,6 @@ ATTAINABLE = 1e3 * FINAL_WEIGHT
 # many local minima at limits: for 22 of 25 tips of an arm with a helical tendon, four samples find
 # the best one.
 N_SAMPLED = 8
-# Largest number of stable shapes to descend from if optima that meet the targets are unstable.
-MAX_DESCENTS = 4
 
 
 class Search:
@@ -122,14 +120,8 @@ class Search:
             if stage.no_stable_optimum_meets and self._n_sampled:
                 stage = self.stage = self._with_samples(stage)
             stages = [stage]
-            if suspended is not None and stage.starts and not stage.best_is_stable:
-                suspended.task = stage.task
-                result = suspended.best_of_descents(stage.descents())
-                if result is not None:
-                    self.stage = suspended
-                    return result
             unstable |= stage.no_stable_optimum_meets and stage.some_optimum_meets
-            if suspended is not None and stage.some_optimum_meets and not stage.starts:
+            if suspended is not None and stage.some_optimum_meets:
                 suspended.task = stage.task
                 nearest = stage.optima[0].controls
                 suspended.guesses = chain([nearest], suspended.guesses)
@@ -181,9 +173,7 @@ class Search:
             stage = RelaxationStage(
                 self.task, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
             )
-        if stage.mode == "nearest":
-            stage.starts = self.samples.stable(MAX_DESCENTS, self.task.options.stability_bound)
-        stage.guesses = iter(()) if stage.starts else guesses
+        stage.guesses = guesses
         stage.multistart(until_met=True, until_equal=False)
         return stage
 
@@ -216,14 +206,13 @@ class Search:
         """Return the best refined optimum that is stable, without the default margin."""
         options = self.task.options.replace(margin=0.0)
         self.task = replace(self.task, options=options, best_margin=False)
-        starts = stage.starts
-        if stage.descended:
-            best = min(stage.descended, key=attrgetter("f"))
-            starts = [best.problem.linearised(best.x)]
-        self.stage = replace(stage, task=self.task, stable=[], unstable=[], starts=starts)
+        self.stage = replace(stage, task=self.task, stable=[], unstable=[])
         for optimum in stage.optima:
             problem = optimum.problem.replace(margin=0.0)
-            self.stage.classify(replace(optimum, problem=problem))
+            if problem.forward.loads_first:
+                self.stage.classify(descend(problem, problem.linearised(optimum.x)))
+            else:
+                self.stage.classify(replace(optimum, problem=problem))
         return self.stage.best()
 
     def _exact_near(self, result: Solution) -> Solution:
@@ -248,10 +237,6 @@ class Search:
                 exact = RelaxationStage(
                     task, "exact", limited, blocks=self.blocks, corrected=corrected
                 )
-                if stage.starts:
-                    forward = Problem(task, task.coarse("exact")).forward
-                    known = task.settled(refined.tensions).known
-                    exact.starts = [forward.solve(refined.tensions, known)]
                 exact.multistart()
                 return exact.best() or result
         except OutOfTime:
