@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octoplan import Arm, Scene, estimate_load, settle
+from octoplan import Arm, PointLoad, Scene, estimate_load, settle
 from octoplan.model.effects import Extension, TipLoad, Weight
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import Sphere
@@ -39,6 +39,16 @@ def test_tensions_may_change_between_estimates() -> None:
     again = estimate_load(ARM, SCENE, 1.1 * PULLS, tip=TIP, std=5e-4)
     off = after.force - again.force
     assert off @ again.information[:3, :3] @ off < 1e-4
+
+
+def test_a_force_alone_starts_from_an_estimate_with_a_moment() -> None:
+    shape = settle(ARM, PULLS, SCENE + PointLoad(ARM.length, (5e-4, 1e-3, 0.0), (1e-5, 2e-5, 0.0)))
+    pose = (shape.tip, shape.tip_frame)
+    first = estimated(pose=pose, std=5e-4, angle_std=0.01)
+    cold, warm = (estimated(tip=shape.tip, std=5e-4, near=near) for near in (None, first))
+    assert first.moment.any() and not warm.moment.any()
+    off = warm.force - cold.force
+    assert off @ cold.information[:3, :3] @ off < 1e-4
 
 
 def test_the_load_is_an_effect_that_settles_to_the_measured_tip() -> None:

@@ -204,7 +204,10 @@ class _Problem:
         start: LoadedShape | None = None
         if near is not None:
             refinement = near.refinement
-            start = self._equations(refinement).near(near.fit.shape, near.fit.shape.wrench)
+            wrench = near.fit.shape.wrench.copy()
+            # A moment that is not estimated is 0, also if the previous estimate has one.
+            wrench[self.units.size :] = 0.0
+            start = self._equations(refinement).near(near.fit.shape, wrench)
         if start is None:
             shape = settle(self.arm, self.tensions, self.scene, self.tolerance, self.machine_code)
             refinement = max(shape.refinement, 2)
