@@ -13,9 +13,11 @@ from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.contact import Contact
 from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.support.errors import SingularError
 from octoplan.planner import Limits, Plan, Tracker, load_plan, plan
 from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.extensions.base_joints.placement import JointPlacement
+from octoplan.planner.extensions.tracking.quadratic import Linearisation
 from octoplan.planner.extensions.tracking.tracker import ITERATIONS, LARGEST_CHANGE
 from octoplan.planner.limits import natural_tensions
 from octoplan.planner.planning_problem import Environment
@@ -120,6 +122,28 @@ def test_a_step_keeps_the_rates_of_strokes() -> None:
             break
         assert "rate" in step.held_back
     assert step.reached
+
+
+def test_far_targets_keep_the_rates_of_strokes() -> None:
+    tracker = Tracker(start(PAPER), rate=1.0, stroke_rate_max=0.01)
+    before = tracker.shape.tendon_lengths
+    for _ in range(4):
+        step = tracker.step(TipPosition((1e3, 0.0, 0.0)))
+        assert np.abs(step.shape.tendon_lengths - before).max() <= 0.01 * (1 + 1.1e-9)
+        before = step.shape.tendon_lengths
+
+
+def test_a_step_without_linearisation_keeps_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    def buckles(*_: object) -> None:
+        raise SingularError("the arm buckles")
+
+    tracker = Tracker(start(PAPER))
+    before = tracker.tensions
+    monkeypatch.setattr(Linearisation, "at", buckles)
+    step = tracker.step(moved(0.0, 0.01, 0.0))
+    assert np.array_equal(step.tensions, before)
+    assert not step.reached
+    assert "the branch of equilibria" in step.held_back
 
 
 def test_a_target_out_of_reach_ends_at_the_nearest_shape() -> None:

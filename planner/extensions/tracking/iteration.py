@@ -149,13 +149,16 @@ class Iteration:
         limits : LinearRows
             Further limits, by changes of the tensions [N].
 
-        The iterate is None if the arm has no equilibrium near the last one, or if a solver fails.
+        The iterate is None if the arm has no equilibrium near the last one, if the arm buckles, or
+        if a solver fails.
         """
         problem = self.problem
         p = problem.parameters(defect=at.defect)
         p[self._target_place] = numbers
-        model = self._linearisation.at(at.x, problem.parameters_at(at.x, p), at.multipliers)
-        solution = self._step_program(at, model, box, limits).solve()
+        solution: StepSolution | None = None
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            model = self._linearisation.at(at.x, problem.parameters_at(at.x, p), at.multipliers)
+            solution = self._step_program(at, model, box, limits).solve()
         if solution is None:
             return None, None, False
         x = at.x + model.step(solution.change)

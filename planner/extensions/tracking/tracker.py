@@ -105,19 +105,22 @@ class Tracker:
     rate : float
         Number of steps per second [Hz]; required with limits of rates.
     rate_max : float, or one for each tendon
-        Largest rate of tensions [N/s].
+        Largest rate of tensions [N/s]; (n_tendons,), or one row for each section. No limit unless
+        given.
     stroke_rate_max : float
-        Largest rate of tendon lengths [m/s].
+        Largest rate of tendon lengths [m/s]; no limit unless given.
     compile : bool or "auto"
         Whether to use machine code, see settle; as in the plan unless given.
 
     Raises
     ------
     InputError
-        For a plan that misses its targets, for plans with obstacles, contact or a stiffness, and
-        for other unsuitable arguments.
+        For a plan that misses its targets, for plans with obstacles, contact, base joints or a
+        stiffness, and for other unsuitable arguments.
     CompilerError
         If `compile` is True and no compiler works.
+    OctoplanError
+        If the arm does not settle near the shape of the plan.
     """
 
     def __init__(
@@ -148,7 +151,7 @@ class Tracker:
 
     @property
     def tensions(self) -> Array:
-        """The tensions of the last step, in the form of `Plan.tensions` [N]."""
+        """The tensions of the last step, in the shape of `Plan.tensions` [N]."""
         return self._iteration.problem.arm.by_section(self._last.tensions)
 
     @property
@@ -168,6 +171,11 @@ class Tracker:
         ------
         InputError
             For targets of another kind. The tracker then keeps its state.
+
+        Notes
+        -----
+        A step raises no error if the arm cannot follow: the step is shortened, and
+        `TrackedStep.held_back` names the reason.
         """
         numbers = self._numbers(target)
         begin = self._last
@@ -275,12 +283,15 @@ class Tracker:
     def _within_stroke_rates(self, begin: Iterate, advance: _Advance) -> _Advance:
         """Return a step within the rates of strokes, shortened if necessary."""
         largest = self._limits.stroke
-        for _ in range(_HALVINGS if np.isfinite(largest) else 0):
+        for count in range(_HALVINGS if np.isfinite(largest) else 0):
             change = advance.end.shape.tendon_lengths - begin.shape.tendon_lengths
             fastest = float(np.abs(change).max())
             if fastest <= largest * (1 + _RATE_RTOL):
                 return advance
-            end = self._iteration.between(begin, advance.end.tensions, largest / fastest)
+            # The first share leaves a small excess, as strokes are not linear in the tensions. The
+            # square of a later share ends within the rate.
+            share = (largest / fastest) ** (1 if count == 0 else 2)
+            end = self._iteration.between(begin, advance.end.tensions, share)
             reason = "the largest rate of strokes"
             advance = advance.shortened(begin if end is None else end, reason)
         return advance
