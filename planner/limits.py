@@ -24,11 +24,12 @@ NATURAL_RANGE = 5.0
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of tensions and strokes, as an argument of `plan` and `trajectory`.
+    """Limits of tensions and strokes.
 
-    Each limit of a tendon is one number for all tendons, or one for each: a flat sequence in tendon
-    order, or one row per section. Sequences and arrays are kept as tuples. The functions that take
-    the limits check them with the arm.
+    Each limit of a tendon is one number for all tendons, or one for each: (n_tendons,) in tendon
+    order, or one row for each section. Sequences and arrays are kept as tuples. `plan`,
+    `trajectory`, `workspace` and `check_arm` check the limits with the arm, and raise InputError
+    for limits that are not allowed.
 
     Attributes
     ----------

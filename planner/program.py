@@ -29,7 +29,8 @@ with as many equations, such as tendon lengths or the least stable mode. Decisio
 in the equations of the rod: base joints move the clamp (octoplan.planner.extensions.base_joints).
 The objective f depends on the mode of the targets (octoplan.planner.targets.target_rows). Let
 
-    effort = 1/2 sum_j (T_j / T_ref)^2,  sum_j T_j / T_ref,  or  T_max / T_ref      (norm 2, 1, inf)
+    effort = 1/2 sum_j (T_j / T_ref)^2,  sum_j T_j / T_ref,  or  max_j T_j / T_ref  (norm 2, 1, inf)
+             + cost of base joints
     cost   = effort, or sum of the targets' objectives + weight effort if targets have objectives
 
     exact      f = cost,                              equalities and soft residuals as rows

@@ -32,7 +32,7 @@ class BaseJoints:
     """Joints of the base: insertion along its axis, and rotation about its axis.
 
     Endoscopes and catheters are pushed and turned at the base. Insertion moves the base along its
-    tangent t, and rotation turns its n and b about t, from n towards b. Both are 0 at
+    tangent t, and rotation turns its n and b about t, from n towards b. Both joint values are 0 at
     `Arm.base_position` and `Arm.base_frame`. Targets, gravity, currents and dead loads stay in
     space; followers and tendons turn with the arm. The arm beyond the base is free: no channel
     guides the part that is not inserted.
@@ -41,11 +41,11 @@ class BaseJoints:
 
         weight / 2 [(insertion / L)^2 + (rotation / pi)^2]
 
-    in units of the tension T_1 that bends the arm by about 1 rad, the largest one of all tendons.
-    The effort of the tensions in these units is 1/2 sum_j (T_j / T_1)^2, and the sum or the maximum
-    of T_j / T_1 for the norms "1" and "inf". With the weight 1, an insertion by the length of the
-    arm, or half a turn, counts as much as a tension that bends the arm by 1 rad. `Plan.effort` is
-    the norm of the tensions alone.
+    in units of T_1. Each tendon has a tension that alone bends the arm by about 1 rad, and T_1 is
+    the largest of these tensions. The effort of the tensions in these units is 1/2 sum_j (T_j /
+    T_1)^2, and the sum or the maximum of T_j / T_1 for the norms "1" and "inf". With the weight 1,
+    an insertion by the length of the arm, or half a turn, counts as much as a tension that bends
+    the arm by 1 rad. `Plan.effort` is the norm of the tensions alone.
 
     Attributes
     ----------
@@ -60,6 +60,13 @@ class BaseJoints:
         Largest rate of the insertion in motions [m/s]; no limit unless given.
     rotation_rate : float or None
         Largest rate of the rotation in motions [rad/s]; no limit unless given.
+
+    Raises
+    ------
+    InputError
+        If both joints are absent, if low exceeds high, if a number is not finite, if the weight is
+        negative, or if a rate is not positive or has no joint. `plan` and `trajectory` raise it for
+        insertions beyond 1000 times the length of the arm.
     """
 
     insertion: Annotated[Pair | None, unit("mm")] = None

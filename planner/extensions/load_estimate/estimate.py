@@ -56,13 +56,15 @@ class LoadEstimate(HtmlRepr):
     information : (6, 6)
         Fisher information, the inverse of the covariance. Undetermined directions have none.
     undetermined : tuple of Direction
-        Joint changes of the components that change no measured coordinate, or by less than the
-        noise up to 100 times the load that bends the arm by its length. The estimate has about the
-        least norm in these directions, with force and moment in units of these loads.
+        Directions of the load that the measurement does not determine: 100 units in such a
+        direction change the measured coordinates by less than the noise, or not at all. The unit
+        of force moves the loaded cross-section of the straight arm by `at`, and the unit of moment
+        turns it by 1 rad, both to first order. Among the loads that differ in these directions
+        alone, the estimate has about the least norm in these units.
     n_data, n_determined : int
         Number of measured coordinates, and of determined directions.
     converged : bool
-        Whether the least squares converged. They stop early where the arm buckles or snaps.
+        Whether the least squares converged. The iteration stops early if the arm buckles or snaps.
     stable : bool
         Whether the shape under the load is stable at constant tensions.
     refinement : int
@@ -72,8 +74,7 @@ class LoadEstimate(HtmlRepr):
     fit : LoadFit
         The optimum, with the shape under the load.
     largest_std : float
-        Largest standard deviation of a determined direction, in units of the load that bends the
-        arm by its length.
+        Largest standard deviation of a determined direction, in the units of `undetermined`.
     """
 
     arm: Arm
@@ -175,7 +176,8 @@ class LoadEstimate(HtmlRepr):
         The region contains the loads whose sum of squares exceeds `chi2` by at most the quantile of
         the chi-square distribution with `n_determined` degrees of freedom (likelihood ratio). For
         small noise the region is the ellipsoid of `covariance`. Directions that are undetermined
-        are unbounded. A moment is needed if the estimate has one.
+        are unbounded. Raise InputError if the estimate has a moment and none is given, if a vector
+        does not have 3 finite numbers, or if the level is not between 0 and 1.
         """
         wrench = np.zeros(6)
         wrench[:3] = finite_array("force", force, (3,))
@@ -189,9 +191,10 @@ class LoadEstimate(HtmlRepr):
     def nonlinearity(self, level: float = 0.95) -> float:
         """Return the largest relative error of the ellipsoid of a confidence level.
 
-        At both ends of each axis of the ellipsoid, the root of the increase of the sum of squares
-        differs by at most this share from its first-order value; inf if the arm has no shape there.
-        Use `holds` instead of the covariance if the value is above about 0.5.
+        The root of the increase of `chi2` is compared with its first-order value at both ends of
+        each axis of the ellipsoid; the largest relative difference is returned, or inf if the arm
+        has no shape at an end. Use `holds` instead of the covariance if the value is above 0.5.
+        Raise InputError if the level is not between 0 and 1.
         """
         largest = self._quantile(level)
         _, sizes, V = np.linalg.svd(self.fit.jacobian, full_matrices=False)

@@ -66,15 +66,15 @@ def estimate_load(
     """Estimate a force and a moment on an arm from its measured shape.
 
     The load is dead, acts on one cross-section, and adds to the loads of the scene. Maximum
-    likelihood for normal noise: nonlinear least squares, with derivatives by the implicit function
-    theorem. Source: Rucker, Webster, "Deflection-based force sensing for continuum robots: a
-    probabilistic approach" (IROS 2011).
+    likelihood for normal noise leads to nonlinear least squares; the implicit function theorem
+    gives the derivatives. Source: Rucker, Webster, "Deflection-based force sensing for continuum
+    robots: a probabilistic approach" (IROS 2011).
 
     Parameters
     ----------
     arm : Arm
-    scene : Scene
-        All known loads and effects.
+    scene : Scene or None
+        All known loads and effects; None for `Scene()`.
     tensions : (n_sections, n) or (n_tendons,)
         [N], tip section first.
     tip : (3,)
@@ -113,12 +113,16 @@ def estimate_load(
     Raises
     ------
     InputError
-        If an argument is not allowed. If the scene has contact, whose forces `Shape.contacts`
-        returns, or is as printed.
-    SnapError, CollapsedError, CompilerError, TimeLimitError
-        As settle does, for the arm without the load.
+        If an argument is not allowed, or if the scene has contact or is as printed. For contact
+        forces, see `Shape.contacts`.
+    SnapError, CollapsedError
+        If the arm without the load snaps or collapses, see settle.
     ConvergenceError
         If the finest mesh is not accurate enough.
+    TimeLimitError
+        If the estimate takes longer than `time_limit`.
+    CompilerError
+        If `compile` is True and no compiler works.
     """
     with limited(time_limit):
         scene = checked_scene(arm, scene)

@@ -9,8 +9,9 @@ changes da of the decisions within limits,
 and `nearest` is solved if `exact` has no solution. The misses are the linearised violations of the
 target rows times their weights; t is the largest violation of a limit. rho is an exact penalty of
 the misses. rho_limits is larger, so that limits have priority. With the Jacobian E of the
-equalities, H + sigma E^T E has the same minimum if the equalities hold. Negative eigenvalues of
-this matrix, which exist far from a local optimum, are replaced by their absolute values.
+equalities, H + sigma E^T E has the same minimum if the equalities hold; in `nearest`, sigma is a
+quadratic penalty of their violations beside rho. Negative eigenvalues of H + sigma E^T E, which
+exist far from a local optimum, are replaced by their absolute values.
 
 Source: Fletcher, "Practical Methods of Optimization", Wiley (1987), section 14.3.
 """

@@ -286,8 +286,8 @@ def workspace(
     largest gaps between tips: a plan either reaches the target, and the tip fills the gap; or it
     ends at the nearest attainable tip, which is on the boundary, and the ball around the target is
     empty. Plans that contradict other tips are searched again in full. Further rounds probe the
-    gaps that are left. The boundary is that of local optima: a tip that neither samples nor plans
-    find is missed. Tips do not depend on obstacles or on contact of the arm with itself.
+    gaps that are left. Plans are local optima, so that the boundary may omit tips that neither
+    samples nor plans find. Obstacles and contact of the arm with itself are ignored.
 
     Results do not depend on the number of workers or on interruptions; see `sweep`. An interrupted
     workspace with `out` computes the missing chunks when started again.
@@ -301,7 +301,8 @@ def workspace(
     samples : int
         Number of tension sets, of a low-discrepancy sequence.
     probes : int
-        Number of plans that probe gaps: 30 % in space, the others in the slices of the figure.
+        Number of plans that probe gaps: 30 % in space and 70 % in three slices. The tips of a
+        planar arm are in one plane, and all plans are in this plane.
     least_effort : bool
         Whether to plan the least effort for the tip of each sample. The tip stays, and tensions,
         effort, stiffness and dexterity are those of the plan. With False all values are those of
@@ -324,19 +325,21 @@ def workspace(
     Returns
     -------
     xarray.Dataset
-        Dimension `point`: samples, then probes. `kind` is "sample", "probe" (the tip of a plan),
-        "boundary" (the nearest tip to a target out of reach, by first-order conditions and by all
-        known tips) or "refused" (without a stable shape; `outcome` has the reason). `target` [m] is
-        the target of a probe; `empty_radius` [m] is the radius of the empty ball around the target.
-        `tip` [m], `tip_frame`, `tensions` [N]. `effort` [N] is the norm of the tensions: the least
-        norm for the tip that was found, also on the boundary. `stiffness_min` and `stiffness_max`
-        [N/m] are the stiffnesses along the softest and the stiffest direction at constant
-        tensions. `tip_gain` [m/N] are the singular values of the derivative of the tip position by
-        the tensions that can change; `manipulability` is the product [Yoshikawa1985], and
-        `dexterity` the smallest over the largest [Salisbury1982], 0 if the tip cannot move in some
-        direction. Limits of the tensions do not enter. The third value is omitted for planar arms.
-        Attributes: numbers of points of each kind, the reasons of refusals (`failures`), and
-        `largest_gap_m`, the radius of the largest ball without tips that no plan found empty.
+        All variables but the slices have the dimension `point`: samples, then probes. `kind` is
+        "sample", "probe" (the tip of a plan), "boundary" (the nearest tip to a target out of reach,
+        by first-order conditions and by all known tips) or "refused" (without a stable shape;
+        `outcome` has the reason). `target` [m] is the target of a probe; `empty_radius` [m] is the
+        radius of the empty ball around the target. `tip` (point, 3) [m], `tip_frame` (point, 3, 3)
+        with columns t, n, b, and `tensions` (point, n_tendons) [N] describe the shape. `effort` [N]
+        is the norm of the tensions: the least norm for the tip that was found, also on the
+        boundary. `stiffness_min` and `stiffness_max` [N/m] are the stiffnesses along the softest
+        and the stiffest direction at constant tensions. `tip_gain` (point, 3) [m/N] are the
+        singular values of the derivative of the tip position by the tensions that can change.
+        `manipulability` is their product [Yoshikawa1985], and `dexterity` the smallest over the
+        largest [Salisbury1982], 0 if the tip cannot move in some direction; both use the two
+        largest values for planar arms. Active limits of the tensions are ignored. Attributes:
+        numbers of points of each kind, the reasons of refusals (`failures`), and `largest_gap_m`,
+        the radius of the largest ball without tips that no plan found empty.
 
     Raises
     ------
@@ -344,8 +347,14 @@ def workspace(
         If an argument is not allowed, or if OUT.chunks contains chunks of another workspace.
     OctoplanError
         If no sample has a stable shape.
+    CompilerError
+        If `compile` is True and no compiler works.
     MissingExtraError, WorkersLostError, VersionsError, FullDiskError
         See sweep.
+
+    Sources: Yoshikawa, "Manipulability of robotic mechanisms", Int. J. Robotics Research 4 (1985);
+    Salisbury, Craig, "Articulated hands: force control and kinematic issues", Int. J. Robotics
+    Research 1 (1982).
     """
     wanted = workspace_of(
         arm,
