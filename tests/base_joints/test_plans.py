@@ -288,6 +288,11 @@ REFUSED: Refused = {
         "BaseJoints.weight",
         "",
     ),
+    "heavy weight": (
+        lambda: BaseJoints(insertion=(0, 0.1), weight=1e8),
+        "BaseJoints.weight",
+        "equal limits keep",
+    ),
     "rate without joint": (
         lambda: BaseJoints(insertion=(0, 0.1), rotation_rate=1.0),
         "BaseJoints.rotation_rate",

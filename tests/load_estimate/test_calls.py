@@ -91,6 +91,8 @@ REFUSED: Refused = {
     "a tip that is NaN": (refused(tip=TIP * np.nan), "tip", "finite"),
     "no std": (refused(std=None), "std", "positive"),
     "a std of 0": (refused(std=0.0), "std", "positive"),
+    "a std that underflows": (refused(std=1e-300), "std", "from 1e-30"),
+    "a std that overflows": (refused(std=1e200), "std", "to 1e+30"),
     "stds of two": (refused(std=[1e-4, 1e-4]), "std", "3 numbers"),
     "an angle without a frame": (refused(angle_std=0.1), "angle_std", "without pose"),
     "a frame without an angle": (refused(tip=None, pose=POSE), "angle_std", "positive"),

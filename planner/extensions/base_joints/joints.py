@@ -18,6 +18,9 @@ from octoplan.model.support.value import value
 Pair = Annotated[tuple[float, ...], Meta(min_length=2, max_length=2)]
 # Largest insertion over the length of the arm: beyond, digits of the shape are lost [-].
 _FARTHEST = 1e3
+# Largest weight of the joints [-]. Target rows are violated by up to 1e-12 times their multipliers,
+# which grow with the weight; with 1e8 plans miss targets within reach.
+_HEAVIEST = 1e4
 
 
 class BasePosition(NamedTuple):
@@ -54,8 +57,8 @@ class BaseJoints:
     rotation : (low, high) or None
         Limits of the rotation [rad]; no such joint unless given.
     weight : float
-        Weight of the joints in the effort [-]. With 0 the joints cost nothing, and plans may have
-        several optima.
+        Weight of the joints in the effort, up to 1e4 [-]. With 0 the joints cost nothing, and plans
+        may have several optima. Equal limits keep a joint still.
     insertion_rate : float or None
         Largest rate of the insertion in motions [m/s]; no limit unless given.
     rotation_rate : float or None
@@ -65,8 +68,8 @@ class BaseJoints:
     ------
     InputError
         If both joints are absent, if low exceeds high, if a number is not finite, if the weight is
-        negative, or if a rate is not positive or has no joint. `plan` and `trajectory` raise it for
-        insertions beyond 1000 times the length of the arm.
+        negative or above 1e4, or if a rate is not positive or has no joint. `plan` and `trajectory`
+        raise it for insertions beyond 1000 times the length of the arm.
     """
 
     insertion: Annotated[Pair | None, unit("mm")] = None
@@ -79,6 +82,9 @@ class BaseJoints:
         if self.insertion is None and self.rotation is None:
             allowed = "an insertion, a rotation, or both, such as insertion=(0, 0.05)"
             raise InputError("BaseJoints", Described("no joint"), allowed)
+        if self.weight > _HEAVIEST:
+            allowed = f"a number up to {_HEAVIEST:g}; equal limits keep a joint still"
+            raise InputError("BaseJoints.weight", self.weight, allowed)
         for name in ("insertion", "rotation"):
             limits = getattr(self, name)
             rate = f"{name}_rate"

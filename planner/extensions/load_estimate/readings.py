@@ -11,7 +11,14 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array, Mask
 from octoplan.model.rotations import from_matrix
-from octoplan.model.support.checks import finite_array, is_several, numbers, orthonormal
+from octoplan.model.support.checks import (
+    LARGEST,
+    SMALLEST,
+    finite_array,
+    is_several,
+    numbers,
+    orthonormal,
+)
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BatchFunction, cached
 from octoplan.planner.extensions.fit.measured import Measured
@@ -168,13 +175,14 @@ def _place(field: str, coordinates: Sequence[Any]) -> Array:
 def _stds(field: str, std: Any, shape: tuple[int, ...]) -> Array:
     """Return standard deviations of a shape from one number, one per axis or one per number."""
     wanted = "" if shape[0] == 1 else f", or {shape[0]} rows of 3"
-    allowed = f"positive: one number, 3 numbers{wanted}"
+    allowed = f"positive: one number, 3 numbers{wanted}, from {SMALLEST:g} to {LARGEST:g}"
     if std is None:
         raise InputError(field, std, allowed)
     array = numbers(field, std, allowed)
     if array.shape not in ((), (3,), shape):
         raise InputError(field, std, allowed)
-    if not np.all(np.isfinite(array)) or not np.all(array > 0):
+    # The negated comparison refuses NaN, too.
+    if not np.all((array >= SMALLEST) & (array <= LARGEST)):
         raise InputError(field, std, allowed)
     return np.array(np.broadcast_to(array, shape))
 
