@@ -194,8 +194,9 @@ def switch_table(switches: tuple[Switch, ...], length: float, tolerance: float) 
     head = ["effect", "in scene", "tip moves by [mm]", "share of L", "time factor", "verdict"]
     rows = [head]
     notes = [
-        f"Keep: the effect moves the tip by more than {100 * tolerance:g} % of the length, "
+        f"Keep or add: the effect moves the tip by more than {100 * tolerance:g} % of the length, "
         f"{1e3 * tolerance * length:.3g} mm (--tolerance {tolerance:g}), or is needed to settle.",
+        "Drop or leave out: the effect moves the tip by less.",
         "Time factor: time of settle with the effect over the time without.",
     ]
     for switch in switches:

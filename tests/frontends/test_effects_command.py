@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from octoplan.model import Arm, Scene
 from octoplan.model.effects import Buoyancy, Extension, Weight
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.effect_ablation import ProblemSize, Switch, switch_effects
+from octoplan.planner.frontends.plots.results import plot_effects
+from octoplan.planner.frontends.report import switch_table
 
 ARM = "[arm]\npreset = 'section-5.2'\n"
 BENT = "tensions = [[0.3, 0.2, 0.0, 0.1]]\naccuracy = 1e-5\n"
@@ -121,3 +124,27 @@ def test_a_tolerance_below_the_accuracy_is_rejected(
     scene = _scene(tmp_path, BENT + ARM)
     assert main(["effects", scene, "--tolerance", "1e-4", "--accuracy", "1e-3"]) == 2
     assert "tolerance = 0.0001: must be at least 2 accuracies" in capsys.readouterr().err
+
+
+def _switches(factors: tuple[float, ...]) -> tuple[Switch, ...]:
+    size = ProblemSize(1, 1, 1, 1)
+    return tuple(Switch("Weight", True, 1e-2, size, size, factor, True) for factor in factors)
+
+
+@pytest.mark.parametrize("factors", [(0.98, 1.05, 1.2), (1.0,), (0.3, 40.0)])
+def test_labels_of_time_factors_do_not_overlap(factors: tuple[float, ...]) -> None:
+    figure = plot_effects(_switches(factors), 0.3, 0.01)
+    figure.draw_without_rendering()
+    axis = figure.axes[1].xaxis
+    low, high = figure.axes[1].get_xlim()
+    ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+    boxes = [tick.label1.get_window_extent() for tick in ticks if tick.label1.get_text()]
+    assert len(boxes) >= 2
+    assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
+    assert not any(text.get_text() for text in axis.get_ticklabels(minor=True))
+
+
+def test_the_table_of_effects_explains_each_verdict() -> None:
+    table = switch_table(_switches((1.0,)), 0.3, 0.01)
+    for verdict in ("Keep or add", "Drop or leave out"):
+        assert f"{verdict}: the effect moves the tip by" in table

@@ -77,6 +77,7 @@ def test_an_inextensible_straight_arm_does_not_feel_a_force_along_it() -> None:
     assert found.std[0] == np.inf
     assert np.isfinite(found.std[1:3]).all()
     assert [each.names for each in found.undetermined] == [("force x",)]
+    assert str(found.undetermined[0]) == "no measurement depends on force x"
     assert found.information[0] == pytest.approx(np.zeros(6), abs=1e-3 * found.information[1, 1])
     assert "Undetermined" in found.outcome
     assert found.force[0] == pytest.approx(0, abs=1e-12)

@@ -54,7 +54,7 @@ class Direction:
     def __str__(self) -> str:
         nothing = not np.isfinite(self.std)
         if len(self.names) == 1:
-            which = "nothing that was measured tells" if nothing else "the data hardly tell"
+            which = "no measurement depends on" if nothing else "the data hardly determine"
             return f"{which} {self.names[0]}"
         rows = zip(self.names, self.changes, self.units, strict=True)
         first, *others = (f"{name} {change:+.3g} {unit}".rstrip() for name, change, unit in rows)

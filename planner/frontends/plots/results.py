@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import kind
@@ -151,6 +152,12 @@ def plot_effects(switches: tuple[Switch, ...], length: float, tolerance: float) 
     for ax, label in labels:
         ax.set_xscale("log")
         set_labels(ax, label, grid=True)
+    # Time factors often span less than a decade: label 1, 2 and 5 in plain numbers.
+    low, high = right.get_xlim()
+    right.set_xlim(min(low, 0.5), max(high, 2.0))
+    right.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    right.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    right.xaxis.set_minor_formatter(NullFormatter())
     return figure
 
 
