@@ -94,7 +94,7 @@ class TendonFriction(RodTerm):
         """No: friction dissipates."""
         return False
 
-    def signed_mu(self, arm: Arm) -> tuple[float, ...]:
+    def signed_friction(self, arm: Arm) -> tuple[float, ...]:
         """Return direction mu of each tendon."""
         return tuple((self.mu * np.broadcast_to(self.direction, arm.n_tendons)).tolist())
 
@@ -180,7 +180,7 @@ class TendonFriction(RodTerm):
 
     def tendon_values(self, points: RodPoints, place: Counts, tendon: Counts) -> Values:
         """Return direction mu, and the derivatives of the paths along s."""
-        signed_mu = np.array(self.signed_mu(points.arm))
+        signed_mu = np.array(self.signed_friction(points.arm))
         path_rate = tendon_paths(points.arm, points.stations, place, tendon, 1)
         return {"signed_mu": signed_mu[tendon][None], "path_rate": path_rate}
 

@@ -26,7 +26,6 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.friction import TendonFriction
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.equations import ParameterValues, Term
@@ -65,8 +64,7 @@ class GuideTerm(RodTerm):
         """Return the term of all tendons of an arm that have guides."""
         signed_mu = tuple[float, ...]()
         for term in scene.rod_terms:
-            if isinstance(term, TendonFriction):
-                signed_mu = term.signed_mu(arm)
+            signed_mu += term.signed_friction(arm)
         places = list[float]()
         for s in sorted({s for row in arm.guides if row is not None for s in row}):
             if not places or s - places[-1] > SAME * arm.length:

@@ -415,6 +415,10 @@ class RodTerm:
         """
         return []
 
+    def signed_friction(self, arm: Arm) -> tuple[float, ...]:
+        """Return direction mu of each tendon; () for terms other than tendon friction."""
+        return ()
+
     def tension_factors(
         self, variables: Array, load_factor: float, mesh: Mesh, s: Array, tendon: Counts
     ) -> Array:

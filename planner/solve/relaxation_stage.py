@@ -48,7 +48,7 @@ SAME_OPTIMUM = 1e-4
 STABILITY_FLOORS = (0.3, 0.5)
 # Number of steps after which a multistart of two or more descents ends if there is an optimum:
 # most targets have equal optima after 60 steps.
-MAX_STEPS = 80
+MAX_STEPS = 150
 # Largest distance of nodes over L at which two shapes are the same [-].
 SAME_SHAPE = 1e-2
 # Largest number of optima that are solved again with a lower bound on the stability.

@@ -263,6 +263,19 @@ class Search:
         yield from islice(again, max(self.task.max_guesses - n_tried - n_sampled, 0))
         yield from before[1:]
 
+    def _nearest_sample(self, is_checked: bool) -> Array:
+        """Return the tensions of the nearest sample, or of the nearest that the arm settles to.
+
+        Samples are shapes on a coarse mesh; the arm itself may snap on the way to some of them.
+        """
+        assert self.samples is not None
+        points = self.samples.points
+        for point in points[: N_SAMPLED if is_checked else 0]:
+            with suppress(OctoplanError):
+                self.task.settled(point.tensions)
+                return point.tensions
+        return points[0].tensions
+
     def _best_so_far(self, stopped: bool = True) -> Solution:
         """Return the optimum of least effort so far, or the nearest sample if there is none.
 
@@ -272,7 +285,7 @@ class Search:
         best = min(optima, key=attrgetter("f"), default=self.stage.last)
         if not optima and self.samples and self.samples.points:
             options = self.task.coarse("nearest")
-            T = self.task.arm.by_section(self.samples.points[0].tensions)
+            T = self.task.arm.by_section(self._nearest_sample(is_checked=not stopped))
             trials = tuple(self.stage.trials)
             return Solution(options, T, (), (), trials, stopped, base=self.task.base_joints)
         if best is None:

@@ -116,11 +116,6 @@ def test_the_nearest_shape_of_an_arm_that_would_yield_is_a_stable_one() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="at 0.65 and 0.9 the least eigenvalues are those of cross-sections beside each other, "
-    "and multipliers of one mode leave 0.35 of the first-order conditions",
-    strict=True,
-)
 def test_more_of_a_margin_costs_more_and_is_had() -> None:
     """Used to be out of reach at 0.7, though the plan held to 0.9 has that margin, too."""
     target, scene = TipPosition((0.0729102, -0.04766121, -0.33169873)), Scene.silicone(Weight())
