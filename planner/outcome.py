@@ -199,6 +199,7 @@ def _reason(plan: Any) -> str:
             f"every shape found that meets the target is {how_unstable}; lower the loads",
         ),
         (holders == CRUSHED, f"held by {CRUSHED}; move the target"),
+        (holders.startswith("stability"), f"held by {holders}; lower stability_margin"),
         (holders, f"held by {holders}; widen these limits"),
     )
     no_limit = "no limit is active; move the target"
