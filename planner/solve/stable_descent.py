@@ -67,11 +67,9 @@ def descend(problem: Problem, start: Equilibrium, defect: Array | None = None) -
     equilibrium on the mesh of the problem. Raise SingularError or LinAlgError if the program has no
     derivatives there.
     """
-    states_stability = problem.options.modes or not is_stable(
-        start, problem.options.stability_bound
-    )
-    problem = problem.replace(modes=1) if states_stability else problem
     descent = _Descent(problem, start, defect)
+    if not problem.options.modes and not is_stable(start, problem.options.stability_bound):
+        descent.state_stability()
     while descent.proceed():
         check_time()
     return descent.solution()
@@ -151,7 +149,7 @@ class _Descent:
                 self.width *= _GROWTH
             self._take(after, step.lam, is_elastic)
         elif after is None and self._is_unstable and not point.problem.options.modes:
-            self._state_stability()
+            self.state_stability()
         else:
             self.width = _CUT * size
         return True
@@ -186,7 +184,7 @@ class _Descent:
         if not is_elastic:
             self.penalty = max(_LEAST_PENALTY, _PENALTY_RATIO * largest)
 
-    def _state_stability(self) -> None:
+    def state_stability(self) -> None:
         """Add the least stable mode to the program."""
         problem = self.point.problem.replace(modes=1)
         if self._defect is not None:

@@ -137,3 +137,16 @@ def test_plan_of_an_arm_near_a_fold_is_reached() -> None:
     assert p.shape.history == "loads first"
     again = settle(HANGING, p.tensions, SILICONE)
     assert again.tip == pytest.approx(shape.tip, abs=2e-6 * HANGING.length)
+
+
+def test_descent_with_a_defect_may_begin_below_the_margin() -> None:
+    """The row of the stability had no place in the defect, and plans ended in a ValueError."""
+    plain = problem_at(NEAR_A_FOLD)
+    start = plain.forward.solve(np.array(NEAR_A_FOLD))
+    margin = 1.01 * settle(HANGING, NEAR_A_FOLD, SILICONE).stability
+    problem = plain.replace(margin=margin)
+    assert not is_stable(start, margin)
+    size = problem.measured(problem.complete(start.tensions, start.states)).size
+    found = descend(problem, start, np.zeros(size))
+    without = descend(problem, start)
+    assert found.f == pytest.approx(without.f, rel=1e-6)
