@@ -98,7 +98,9 @@ def collocation_map(
 
 
 def explicit_map(arm: Arm, scene: Scene, refinement: int) -> ExplicitMap:
-    """Return the forward map of a scene without loads, in interpreted code; see forward_map."""
+    """Return the map from tensions to poses in interpreted code, if has_explicit_map."""
+    if is_loaded(arm, scene):
+        return ClosedForm(arm, scene, MAGNUS6, refinement)
     result = forward_map(arm, scene, refinement)
     assert isinstance(result, ExplicitMap)
     return result

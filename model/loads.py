@@ -42,6 +42,14 @@ def is_loaded(arm: Arm, scene: Scene) -> bool:
     return any(term.couples_sections for term in rod_terms(arm, scene))
 
 
+def has_explicit_map(arm: Arm, scene: Scene) -> bool:
+    """Return whether each cross-section settles by itself, twisted or not.
+
+    Beyond scenes that are not loaded these are arms whose tendons turn around the midline.
+    """
+    return not arm.is_guided and not any(term.couples_sections for term in scene.rod_terms)
+
+
 def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
     """Return a scene with the load values of another scene.
 

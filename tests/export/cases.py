@@ -56,6 +56,13 @@ BENT_AT_REST = replace(
     ),
     rest_curvature=RestCurvature(Linear(1.0, -2.0), Linear(-1.0, 3.0)),
 )
+# Tendons that turn around the midline.
+HELICAL = Arm(
+    0.2,
+    Linear(0.01, 0.01),
+    (Anchorage(0.2, Linear(0.006, 0.006), (0.4, 2.5), turn=Linear(0.0, 1.5)),),
+    base_position=(0.0, 0.1, 0.0),
+)
 SCENES: dict[str, tuple[Arm, Scene, Any]] = {
     "bending alone": (TABLE_4, Scene(), BENT),
     "the paper's": (TABLE_4, Scene(Extension()), BENT),
@@ -63,6 +70,7 @@ SCENES: dict[str, tuple[Arm, Scene, Any]] = {
     "short tendons": (SHORT, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
     "curved tendons": (CURVED, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
     "curved at rest": (BENT_AT_REST, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
+    "helical tendons": (HELICAL, Scene(Extension()), (0.5, 0.2)),
 }
 SETTLING = {
     "exact tendons": (SECTION_52, Scene(ExactTendons()), (0.3, 0.0, 0.0, 0.1)),

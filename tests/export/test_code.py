@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octoplan.model import settle, tip_jacobian
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, tip_jacobian
+from octoplan.model.effects import ExactTendons, Extension
 from octoplan.model.forward import explicit_map
 from octoplan.model.stiffness import tip_jacobian_function
 from octoplan.planner import export
 from tests.commands import study
+from tests.core.effects.test_turning_tendons import ANGLE, NU, TURNING, E, L, R, Y, tip_of_helix
 from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
 
 AGREES = {"double": 1e-12, "float": 1e-5}
@@ -69,6 +71,18 @@ def test_sections_that_settle_by_newton_agree_too(
         status, tip, _ = code.tip(other)
         assert status == 0
         assert np.abs(tip - forward.run(other)[0][-1, 4:7]).max() <= AGREES[precision] * arm.length
+
+
+def test_code_of_a_helix_agrees_with_an_independent_balance(tmp_path: Path) -> None:
+    anchorage = Anchorage(L, Linear(Y, Y), (ANGLE, ANGLE + np.pi / 2), TURNING)
+    arm = Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
+    scene = Scene(Extension(), ExactTendons())
+    found = export(arm, scene, tmp_path, [1.5, 0.0], 1e-6, "double", "octo")
+    code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, "double")
+    for T in (0.3, 1.5):
+        status, tip, _ = code.tip(np.array([T, 0.0]))
+        assert status == 0
+        assert np.abs(tip - tip_of_helix(T)).max() < 1e-6 * L
 
 
 @pytest.mark.quick("test_tension")

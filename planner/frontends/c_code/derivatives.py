@@ -57,8 +57,9 @@ class PullPolynomials:
 
     @classmethod
     def of(cls, arm: Arm, statics: ClosedStatics) -> PullPolynomials | None:
-        """Return the polynomials of an arm; None if an offset is not linear."""
-        if not all(isinstance(path, Linear) for _, path in arm.offset_paths):
+        """Return the polynomials of an arm; None if an offset is not linear or a tendon turns."""
+        is_linear = all(isinstance(path, Linear) for _, path in arm.offset_paths)
+        if not is_linear or any(arm.angle_paths):
             return None
         parts = []
         for i, section in enumerate(arm.sections):

@@ -15,11 +15,12 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import LEAST_STRETCH
-from octoplan.model.forward import checked_accuracy
-from octoplan.model.loads import is_loaded
+from octoplan.model.equilibrium.linearised import AnyEquilibrium
+from octoplan.model.forward import ForwardMap, ForwardMaps, checked_accuracy, explicit_map
+from octoplan.model.loads import has_explicit_map, is_loaded
 from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
-from octoplan.model.settle import ACCURACY, checked_scene, settle
+from octoplan.model.settle import ACCURACY, checked_scene, settle, settle_on_meshes
 from octoplan.model.shape import Shape
 from octoplan.model.stiffness import tip_jacobian_function
 from octoplan.model.support.checks import kind, literal
@@ -106,13 +107,13 @@ def export(
     Raises
     ------
     InputError
-        For a scene with loads, which has no explicit map; for input that settle rejects; for an
-        invalid precision, name or folder.
+        For a scene with loads and for spacer discs, which have no explicit map; for input that
+        settle rejects; for an invalid precision, name or folder.
     CollapsedError, ConvergenceError
         As settle, at the given tensions.
     """
     scene = _checked(arm, scene, precision, name, accuracy)
-    shape = settle(arm, tensions, scene, accuracy)
+    shape = _settled(arm, tensions, scene, accuracy)
     source = steps_source(shape, precision) or whole_source(shape, precision)
     values = _values(shape, source, precision, name)
     return _written(to, shape, source, values, precision)
@@ -152,7 +153,7 @@ def export_plan(
     kind("p", p, Plan)
     scene = _checked(p.arm, p.scene, precision, name, accuracy)
     check_inverse(p)
-    shape = settle(p.arm, p.tensions, scene, accuracy)
+    shape = _settled(p.arm, p.tensions, scene, accuracy)
     source = steps_source(shape, precision, twice=True)
     if source is None:
         allowed = "a scene with straight tendons along a straight arm, not as printed"
@@ -161,6 +162,30 @@ def export_plan(
     values["HESSIAN"] = _template("hessian.c", values)
     values["HESSIAN_DECLARED"] = _template("hessian.h", values)
     return _written(to, shape, source, values, precision, _PLAN_TEMPLATES)
+
+
+class _ExplicitMaps(ForwardMaps):
+    """The explicit maps of an arm, one for each mesh."""
+
+    def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:
+        """Return the explicit map on the mesh of a refinement."""
+        return explicit_map(self.arm, self.scene, refinement)
+
+
+def _settled(arm: Arm, tensions: Any, scene: Scene, accuracy: float) -> Shape:
+    """Return the shape on the first mesh of the explicit map that is accurate enough.
+
+    `settle` solves arms with turning tendons by collocation, on other meshes.
+    """
+    if not is_loaded(arm, scene):
+        return settle(arm, tensions, scene, accuracy)
+    T = arm.flat(tensions)
+
+    def solve(forward: ForwardMap, near: AnyEquilibrium | None, factor: float) -> AnyEquilibrium:
+        return forward.solve(T, near, factor)
+
+    maps = _ExplicitMaps(arm, scene, machine_code=False)
+    return settle_on_meshes(maps, solve, checked_accuracy(accuracy), None)
 
 
 def _written(
@@ -206,12 +231,12 @@ def _check_free(folder: Path, name: str) -> None:
 
 def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy: float) -> Scene:
     scene = checked_scene(arm, scene)
-    if is_loaded(arm, scene):
+    if not has_explicit_map(arm, scene):
         raise InputError(
             "scene",
             scene,
-            "a scene without loads, shear and friction, for tendons that neither turn nor run "
-            "straight between guides: the others have no explicit map to export",
+            "a scene without loads, shear and friction, for tendons that do not run straight "
+            "between guides: the others have no explicit map to export",
         )
     literal("precision", precision, Precision)
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in TAKEN:

@@ -41,7 +41,7 @@ def _arm(turn: Linear | Sampled | None = TURNING) -> Arm:
     return Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
 
 
-def _tip_of_helix(T: float, turn: float = TURN) -> np.ndarray:
+def tip_of_helix(T: float, turn: float = TURN) -> np.ndarray:
     """Integrate u' = R nu, R' = R kappa with stationary energy plus T |c| at each section.
 
     Strain energies of a linear section; c = nu + Y' + kappa x Y with Y turning along s. A single
@@ -78,7 +78,7 @@ def _tip_of_helix(T: float, turn: float = TURN) -> np.ndarray:
 @pytest.mark.parametrize("T", [0.3, 1.5])
 def test_a_helical_tendon_bends_and_twists_as_its_balance_says(T: float) -> None:
     shape = settle(_arm(), [T, 0.0], EXACT, accuracy=1e-9)
-    assert np.allclose(shape.tip, _tip_of_helix(T), atol=1e-8 * L)
+    assert np.allclose(shape.tip, tip_of_helix(T), atol=1e-8 * L)
     assert abs(shape.strain(L / 2)[0]) > 0.01
 
 
@@ -101,15 +101,15 @@ def test_helical_tendons_need_no_load(effects: tuple[Effect, ...]) -> None:
 def test_unloaded_helix_follows_an_independent_balance(T: float) -> None:
     scene = Scene(Extension(), ExactTendons())
     shape = settle(_arm(), [T, 0.0], scene, accuracy=1e-9)
-    assert np.allclose(shape.tip, _tip_of_helix(T), rtol=0, atol=1e-8 * L)
+    assert np.allclose(shape.tip, tip_of_helix(T), rtol=0, atol=1e-8 * L)
     assert shape.stability == pytest.approx(1.0)
 
 
 def test_unloaded_helix_has_the_tip_jacobian_of_differences() -> None:
     scene = Scene(Extension(), ExactTendons())
     step = 0.02
-    ahead = _tip_of_helix(0.3 + step)
-    behind = _tip_of_helix(0.3 - step)
+    ahead = tip_of_helix(0.3 + step)
+    behind = tip_of_helix(0.3 - step)
     jacobian = tip_jacobian(_arm(), [0.3, 0.0], scene, accuracy=1e-8)
     difference = (ahead - behind) / (2 * step)
     assert np.allclose(jacobian[:3, 0], difference, rtol=0, atol=1e-3 * np.abs(difference).max())
@@ -132,7 +132,7 @@ def test_unloaded_helix_is_planned_to_its_own_tip() -> None:
 def test_a_helical_tendon_that_bends_the_arm_far_is_borne(turn: float) -> None:
     """Equilibria without loads had no torsion: the arm was refused "at 0.0 % of the loads"."""
     shape = settle(_arm(Linear(0.0, turn)), [4.0, 0.0], EXACT, accuracy=1e-9)
-    assert np.allclose(shape.tip, _tip_of_helix(4.0, turn), atol=1e-8 * L)
+    assert np.allclose(shape.tip, tip_of_helix(4.0, turn), atol=1e-8 * L)
     assert shape.stability == pytest.approx(1.0)
 
 
