@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
+from octoplan.model import Anchorage, Arm, InputError, Linear, Material, Scene, Shape, settle
 from octoplan.model.effects import Buoyancy, Extension, NeoHookean, Weight
+from octoplan.model.extensions.cross_sections import Rectangle
 from octoplan.planner import mjcf, urdf
 from octoplan.planner.frontends.bodies.files import export_shape, save_mesh
 from octoplan.planner.frontends.bodies.links import ros_messages
@@ -219,3 +220,29 @@ def test_the_command_writes_them(
     scene.write_text(SCENE.format(what=""))
     assert main(argv) == 2
     assert "tensions: missing" in capsys.readouterr().err
+
+
+def test_links_of_a_strip_have_the_inertia_of_boxes() -> None:
+    """MuJoCo computes the moments of inertia of a box of the same size and mass."""
+    mujoco = pytest.importorskip("mujoco")
+    width, height, length, links = 0.012, 0.002, 0.2, 4
+    strip = Rectangle(Linear(width, width), Linear(height, height))
+    section = Anchorage(length, Linear(0.0, 0.0), (0.0,))
+    steel = Material(E=2e11, nu=0.3, density=7800.0)
+    arm = Arm(length, strip.circumscribed(), (section,), steel, cross_section=strip)
+    shape = settle(arm, [0.0], Scene())
+    model = mujoco.MjModel.from_xml_string(mjcf(shape, links))
+    size = f"{length / links / 2} {width / 2} {height / 2}"
+    geom = f'<geom type="box" size="{size}" density="7800"/>'
+    box = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody><body>{geom}</body></worldbody></mujoco>"
+    )
+    link = model.body("link_0").id
+    assert model.body_mass[link] == pytest.approx(box.body_mass[1], rel=1e-9)
+    assert model.body_ipos[link] == pytest.approx([length / links / 2, 0, 0])
+    # The order of principal axes is not that of the link.
+    found, wanted = sorted(model.body_inertia[link]), sorted(box.body_inertia[1])
+    assert found == pytest.approx(wanted, rel=1e-9)
+    inertia = next(ET.fromstring(urdf(shape, links)).iter("inertia")).attrib
+    told = [float(inertia[key]) for key in ("izz", "iyy", "ixx")]
+    assert told == pytest.approx(box.body_inertia[1], rel=1e-6)

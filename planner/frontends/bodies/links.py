@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from octoplan.model.arm import Arm
 from octoplan.model.effects import NeoHookean
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -54,6 +55,8 @@ class Chain:
         Slide positions of the settled arm [m].
     radii, masses : (N,)
         Radii [m] and masses [kg] of the links.
+    inertias : (N, 3)
+        Moments of inertia of the links about x, y, z through their middles [kg m2].
     hinge_stiffness : (N + 1, 3)
         About x, y, z: G J_t / h, E J / h, E J / h [N m/rad], at the settled stretch if neo-Hookean.
     slide_stiffness : (N,)
@@ -69,6 +72,7 @@ class Chain:
     slides: Array
     radii: Array
     masses: Array
+    inertias: Array
     hinge_stiffness: Array
     slide_stiffness: Array
     bodies: Bodies
@@ -105,6 +109,7 @@ def build_chain(shape: Shape, links: int) -> Chain:
     middle = (s[:-1] + s[1:]) / 2
     middle_radius = arm.radius.evaluate(middle, arm.length)[0]
     masses = -arm.material.density * np.diff(volume(arm, s))
+    inertias = masses[:, None] * _inertia_per_mass(arm, middle, chords)
     # A hinge replaces the compliance of half a link on either side.
     spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
     _, EJn, EJb, GI = arm.section_stiffness(s)[0]
@@ -125,10 +130,25 @@ def build_chain(shape: Shape, links: int) -> Chain:
         lengths - chords,
         middle_radius,
         masses,
+        inertias,
         hinges,
         EA / h,
         Bodies(s, shape.position(s), frames),
     )
+
+
+def _inertia_per_mass(arm: Arm, s: Array, lengths: Array) -> Array:
+    """Return moments of inertia over the mass (N, 3) about x, y, z of prismatic links [m2].
+
+    Squared radii of gyration are J / A = E J / E A, and those of a circle for bodies that are given
+    by their stiffness.
+    """
+    EA, EJn, EJb, _ = arm.section_stiffness(s)[0]
+    circle = arm.radius.evaluate(s, arm.length)[0] ** 2 / 4
+    is_known = arm.profile.is_of_material
+    about_n, about_b = (EJn / EA, EJb / EA) if is_known else (circle, circle)
+    along = lengths**2 / 12
+    return np.stack([about_n + about_b, about_n + along, about_b + along], axis=1)
 
 
 def _relative(shape: Shape, s: Array) -> tuple[Array, Array, Array]:
@@ -218,9 +238,9 @@ def _add_body(link: ET.Element, chain: Chain, i: int) -> None:
     values = child_of(link, "inertial")
     child_of(values, "origin", **place)
     child_of(values, "mass", value=mass)
-    across = mass * (3 * radius**2 + length**2) / 12
-    along = mass * radius**2 / 2
-    child_of(values, "inertia", ixx=across, iyy=across, izz=along, **_NO_PRODUCTS)
+    about_x, about_y, about_z = (float(each) for each in chain.inertias[i])
+    # The frame of the cylinder has its x axis along -z of the link.
+    child_of(values, "inertia", ixx=about_z, iyy=about_y, izz=about_x, **_NO_PRODUCTS)
 
 
 def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:

@@ -227,7 +227,9 @@ def _bodies(base: ET.Element, chain: Chain, gravcomp: float) -> list[ET.Element]
             ends = (0, 0, 0, chain.chords[i], 0, 0)
             solid = {"type": "cylinder", "fromto": ends, "size": chain.radii[i]}
             look = {"rgba": "0.85 0.55 0.45 1"}
-            child_of(body, "geom", mass=chain.masses[i], **solid, **look, **_UNTOUCHED)
+            inertia = {"mass": chain.masses[i], "diaginertia": chain.inertias[i]}
+            child_of(body, "inertial", pos=(chain.chords[i] / 2, 0, 0), **inertia)
+            child_of(body, "geom", **solid, **look, **_UNTOUCHED)
     return bodies
 
 
