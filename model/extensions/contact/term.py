@@ -60,14 +60,6 @@ def split_variables(variables: NDArray[Any], K: int) -> ContactPlaces:
     return ContactPlaces(touches, both[..., :3], both[..., 3:])
 
 
-def contact_term(layout: Layout) -> ContactTerm | None:
-    """Return the term of contact of a layout, for its structure alone; None without contact."""
-    for group in layout.node_groups:
-        if isinstance(group.structure.term, ContactTerm):
-            return group.structure.term
-    return None
-
-
 def contact_places(layout: Layout) -> ContactPlaces:
     """Return the places of the node variables of contact."""
     for group, places in zip(layout.node_groups, layout.node_variables, strict=True):

@@ -22,14 +22,14 @@ from octoplan.planner.frontends.io.records import WorkspaceRecord, record
 from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.frontends.report import figure
 from octoplan.planner.frontends.sweeps.store import open_dataset
-from octoplan.planner.frontends.workspaces.verdicts import KINDS
-from octoplan.planner.frontends.workspaces.workspace import (
+from octoplan.planner.frontends.workspaces.definition import (
     ACCURACY,
     PROBES,
     SAMPLES,
     workspace_of,
     write_workspace,
 )
+from octoplan.planner.frontends.workspaces.verdicts import KINDS
 
 _DEFAULT = FileOptions()
 _ACCURACY = Parameter(
