@@ -5,9 +5,8 @@
     total pull        sum_j T_j <= limit
     tendon lengths    unknowns l_j:     integral of |c_j| - l_j = 0,    l_min <= l_j <= l_max
 
-c_j is the tangent of tendon j per unit of arc length. Larger blocks are in
-octoplan.planner.responses (compliance of the tip) and octoplan.planner.least_mode (stability
-margin).
+c_j is the tangent of tendon j per unit of arc length. octoplan.planner.linearised_blocks has the
+larger blocks: compliance of the tip, and stability margin.
 """
 
 from __future__ import annotations

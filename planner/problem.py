@@ -150,12 +150,12 @@ class Problem:
         if limits.total is not None:
             blocks.append(TotalPull(limits.total))
         if self.target_set.requests:
-            from octoplan.planner.responses import Responses
+            from octoplan.planner.linearised_blocks import Responses
 
             requests = zip(self.target_set.requests, self.target_set.directions, strict=True)
             blocks += [Responses(layout, each, D, arm.bending_force) for each, D in requests]
         if self.options.modes:
-            from octoplan.planner.least_mode import LeastMode
+            from octoplan.planner.linearised_blocks import LeastMode
 
             blocks.append(LeastMode(layout, self.options.stability_bound))
         if limits.strokes is not None:

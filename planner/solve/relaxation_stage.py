@@ -2,14 +2,13 @@
 
 A stage solves the program from one initial guess after another, tests the stability of the optima,
 and refines the best one. Optima below the required stability are solved again with a lower bound on
-the eigenvalue of the least stable mode (octoplan.planner.solve.margin). If loads act before
-tensions, solves descend from stable shapes (octoplan.planner.solve.stable_descent).
+the eigenvalue of the least stable mode. If loads act before tensions, solves descend from stable
+shapes (both in octoplan.planner.solve.stable_descent).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from heapq import merge
 from itertools import chain, islice
@@ -17,11 +16,8 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
-from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.paths import Array
-from octoplan.model.rod.nodes import POSE
-from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.block import Block
 from octoplan.planner.nlp_options import Mode
@@ -31,9 +27,7 @@ from octoplan.planner.problem import SEARCH_WEIGHT, Problem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import POINT
 from octoplan.planner.solve.ipopt import Purpose, solve
-from octoplan.planner.solve.margin import enforce_margin
 from octoplan.planner.solve.refine import COARSE_RTOL, refine
-from octoplan.planner.solve.stable_descent import descend
 
 # Number of equal optima after which a multistart ends. Relaxed targets need one more, and so do
 # exact targets of a point or more, which arms meet in several ways. If guesses come in the order of
@@ -43,14 +37,9 @@ N_EQUAL_OPTIMA = 2
 NEARLY_MET = 1e-6
 # Largest difference of the scaled unknowns of equal optima [-].
 SAME_OPTIMUM = 1e-4
-# Lower bounds on the stability, tried in this order, if the arm takes another shape under the
-# tensions of all optima [-]; 1 is an arm at rest.
-STABILITY_FLOORS = (0.3, 0.5)
 # Number of steps after which a multistart of two or more descents ends if there is an optimum:
 # most targets have equal optima after 60 steps.
 MAX_STEPS = 150
-# Largest distance of nodes over L at which two shapes are the same [-].
-SAME_SHAPE = 1e-2
 # Largest number of optima that are solved again with a lower bound on the stability.
 MAX_ENFORCED = 4
 _PHASES: dict[Mode, str] = {
@@ -63,31 +52,17 @@ _PHASES: dict[Mode, str] = {
 def solve_from_guess(problem: Problem, controls: Array, defect: Array | None = None) -> NlpSolution:
     """Solve a program from tensions [N], and base joints if any, corrected by a defect.
 
-    If loads act before tensions, descend from the last stable shape on the way to the tensions. If
-    the arm takes another shape under the tensions of the optimum, descend again from there with
-    more stability: the arm more often takes shapes with more stability.
+    If loads act before tensions, descend from the last stable shape on the way to the tensions.
     """
     tensions, joints = np.split(controls, [problem.arm.n_tendons])
     task = problem.task.at_base(tuple(joints.tolist())) if joints.size else problem.task
     forward = problem.forward_at(task.arm)
     if forward.loads_first:
-        with suppress(OctoplanError, np.linalg.LinAlgError):
-            start = forward.solve_towards(tensions)
-            count = 0
-            for floor in (problem.options.floor, *STABILITY_FLOORS):
-                solution = descend(problem.replace(floor=floor), start, defect)
-                count += solution.iterations
-                solution = replace(solution, iterations=count)
-                if not solution.converged:
-                    return solution
-                try:
-                    start = problem.forward_at(solution.task.arm).solve(solution.tensions)
-                except SnapError:
-                    # The refinement decides: the coarse mesh snaps too early near a fold.
-                    return solution
-                if _has_shape(solution, start):
-                    return solution
-            return replace(solution, converged=False)
+        from octoplan.planner.solve.stable_descent import descend_from_guess
+
+        solution = descend_from_guess(problem, forward, tensions, defect)
+        if solution is not None:
+            return solution
     # Least squares do not converge from an arm far from the equilibrium under the weight.
     is_relaxed = problem.options.mode != "exact"
     x = problem.guess(controls, settled=is_relaxed)
@@ -307,6 +282,8 @@ class RelaxationStage:
         """
         if has_unique_equilibrium(self.task.arm, self.task.scene):
             return None
+        from octoplan.planner.solve.stable_descent import STABILITY_FLOORS
+
         for floor in STABILITY_FLOORS:
             optima = [each for each in self.optima[:MAX_ENFORCED] if each not in self.below_margin]
             for optimum in optima:
@@ -325,6 +302,8 @@ class RelaxationStage:
         second objective is not smaller than the first. The caller therefore does not solve for the
         second optimum if another optimum is better.
         """
+        from octoplan.planner.solve.stable_descent import enforce_margin
+
         yield optimum.f, None
         bound = max(self.task.options.stability_bound, floor)
         near = enforce_margin(optimum, bound)
@@ -332,14 +311,6 @@ class RelaxationStage:
             self.below_margin.append(optimum)
         else:
             yield near.f, near
-
-
-def _has_shape(optimum: NlpSolution, shape: Equilibrium) -> bool:
-    """Return whether an equilibrium on the mesh of an optimum has the shape of the optimum."""
-    states = optimum.problem.linearised(optimum.x).states
-    places = shape.system.layout.nodes[:, 4:POSE]
-    apart = np.linalg.norm(states[places] - shape.states[places], axis=1)
-    return bool(apart.max() <= SAME_SHAPE * optimum.problem.arm.length)
 
 
 def _is_same(one: NlpSolution, other: NlpSolution) -> bool:

@@ -29,6 +29,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, tee
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -44,9 +45,10 @@ from octoplan.planner.solution import Solution
 from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
 from octoplan.planner.solve.refine import on_mesh
 from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, NEARLY_MET, RelaxationStage
-from octoplan.planner.solve.samples import Samples, sample
-from octoplan.planner.solve.stable_descent import descend
 from octoplan.planner.targets.target_set import LOW_PRIORITY
+
+if TYPE_CHECKING:
+    from octoplan.planner.solve.samples import Samples
 
 # Number of guesses of the exact mode before relaxed modes are tried.
 N_FIRST_GUESSES = N_EQUAL_OPTIMA + 1
@@ -161,6 +163,8 @@ class Search:
 
         If the samples require a finer mesh, the best optima of the coarse mesh are solved again.
         """
+        from octoplan.planner.solve.samples import sample
+
         if self.samples is None:
             self.samples = sample(self.task, self._n_sampled)
         distinct = islice(self.samples.distinct(), self._n_sampled)
@@ -204,6 +208,8 @@ class Search:
 
     def _best_without_margin(self, stage: RelaxationStage) -> Solution | None:
         """Return the best refined optimum that is stable, without the default margin."""
+        from octoplan.planner.solve.stable_descent import descend
+
         options = self.task.options.replace(margin=0.0)
         self.task = replace(self.task, options=options, best_margin=False)
         self.stage = replace(stage, task=self.task, stable=[], unstable=[])

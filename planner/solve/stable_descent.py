@@ -1,4 +1,6 @@
-"""Descent from a stable shape to an optimum, along stable shapes on one branch.
+"""Optima that are stable: descents along stable shapes, and margins of stability.
+
+A search imports this file if loads act before tensions, or if an optimum is not stable enough.
 
 Under strong loads an arm has several shapes under the same tensions, and solves from a guess often
 end at an unstable one. Each iterate of a descent is an equilibrium on the branch of the last one,
@@ -14,20 +16,30 @@ correction).
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.paths import Array
-from octoplan.model.support.errors import OctoplanError
+from octoplan.model.rod.nodes import POSE
+from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.least_mode import STABILITY, LeastMode
+from octoplan.planner.linearised_blocks import STABILITY, LeastMode
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.problem import SEARCH_WEIGHT, Problem
+from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.reduced_program import ReducedProgram, elastic_step
+from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS
 
+# Lower bounds on the stability, tried in this order, if the arm takes another shape under the
+# tensions of all optima [-]; 1 is an arm at rest.
+STABILITY_FLOORS = (0.3, 0.5)
+# Largest distance of nodes over L at which two shapes are the same [-].
+SAME_SHAPE = 1e-2
 # Largest number of steps, including steps that fail.
 _STEPS = 80
 # Half the width of the first box, in units of the tensions [-].
@@ -73,6 +85,63 @@ def descend(problem: Problem, start: Equilibrium, defect: Array | None = None) -
     while descent.proceed():
         check_time()
     return descent.solution()
+
+
+def descend_from_guess(
+    problem: Problem, forward: Collocation, tensions: Array, defect: Array | None = None
+) -> NlpSolution | None:
+    """Return the optimum of a descent from the last stable shape on the way to tensions [N].
+
+    If the arm takes another shape under the tensions of the optimum, descend again from there with
+    more stability: the arm more often takes shapes with more stability. `forward` has the equations
+    of equilibrium at the base of the guess. None if there is no such shape.
+    """
+    with suppress(OctoplanError, np.linalg.LinAlgError):
+        start = forward.solve_towards(tensions)
+        count = 0
+        for floor in (problem.options.floor, *STABILITY_FLOORS):
+            solution = descend(problem.replace(floor=floor), start, defect)
+            count += solution.iterations
+            solution = replace(solution, iterations=count)
+            if not solution.converged:
+                return solution
+            try:
+                start = problem.forward_at(solution.task.arm).solve(solution.tensions)
+            except SnapError:
+                # The refinement decides: the coarse mesh snaps too early near a fold.
+                return solution
+            if _has_shape(solution, start):
+                return solution
+        return replace(solution, converged=False)
+    return None
+
+
+def enforce_margin(optimum: NlpSolution, bound: float) -> NlpSolution | None:
+    """Return an optimum near an unstable optimum with at least the stability `bound`, or None.
+
+    One mode is constrained. If another mode is then below the bound, that mode is constrained next.
+    If loads act before tensions, a descent constrains the least stable mode of each shape.
+    """
+    near = optimum
+    tolerance = COARSE_RTOL * bound
+    if optimum.problem.forward.loads_first:
+        problem = optimum.problem.replace(modes=1, floor=bound)
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            near = descend(problem, problem.linearised(optimum.x))
+            return near if near.converged and problem.is_stable(near.x, bound - tolerance) else None
+        return None
+    with suppress(OctoplanError, np.linalg.LinAlgError):
+        for _ in range(CORRECTIONS):
+            problem = near.problem.replace(modes=1, floor=bound)
+            states = near.problem.linearised(near.x).states
+            x = problem.complete(near.tensions, states)
+            near = solve(problem, x, problem.parameters(SEARCH_WEIGHT))
+            check_time()
+            if not near.converged:
+                break
+            if problem.is_stable(near.x, bound - tolerance):
+                return near
+    return None
 
 
 class _Descent:
@@ -238,3 +307,11 @@ def _moved(point: ReducedProgram, d: Array, halves: int = 1) -> Equilibrium | No
             return None
         states = end.states
     return end
+
+
+def _has_shape(optimum: NlpSolution, shape: Equilibrium) -> bool:
+    """Return whether an equilibrium on the mesh of an optimum has the shape of the optimum."""
+    states = optimum.problem.linearised(optimum.x).states
+    places = shape.system.layout.nodes[:, 4:POSE]
+    apart = np.linalg.norm(states[places] - shape.states[places], axis=1)
+    return bool(apart.max() <= SAME_SHAPE * optimum.problem.arm.length)

@@ -17,7 +17,7 @@ from octoplan.planner.extensions.contact.grasp import Grip, grips_of
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import settled_along
 from octoplan.planner.extensions.contact.search import optimality_of
-from octoplan.planner.least_mode import STABILITY, active_margin
+from octoplan.planner.linearised_blocks import STABILITY, active_margin
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.problem import Problem
 
