@@ -8,19 +8,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 from msgspec import Meta
 
-from octoplan.model.paths import SAME, Array, Linear, Path
+from octoplan.model.paths import SAME, AnglePaths, Array, CurvaturePath, LengthPaths, Linear, Path
 from octoplan.model.support.checks import SUCH
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.quantities import (
-    Angle,
-    AnglePaths,
-    CurvaturePath,
-    Guides,
-    Length,
-    LengthPaths,
-    Positive,
-    unit,
-)
 from octoplan.model.support.text import counted
 from octoplan.model.support.units import (
     ANGLE_AROUND,
@@ -30,7 +20,7 @@ from octoplan.model.support.units import (
     length_text,
     warn_unusual,
 )
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Angle, Guides, Length, Positive, unit, value
 
 # The angles of the paper's four tendons, along n, b, -n and -b [rad].
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.anchorage import Anchorage, Material, Profile, RestCurvature, Solid
-from octoplan.model.paths import Array, Linear, Path
+from octoplan.model.paths import Array, LengthPath, Linear, Path
 from octoplan.model.support.checks import (
     LARGEST,
     SMALLEST,
@@ -23,7 +23,6 @@ from octoplan.model.support.checks import (
     numbers_text,
 )
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.quantities import Frame, Length, LengthPath, Place
 from octoplan.model.support.text import HtmlRepr, columns, ends_text, shortened_lines
 from octoplan.model.support.units import (
     LENGTH,
@@ -35,7 +34,7 @@ from octoplan.model.support.units import (
     stiff_text,
     warn_unusual,
 )
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Frame, Length, Place, value
 
 Row = tuple[float, float, float]
 

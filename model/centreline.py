@@ -1,4 +1,4 @@
-"""The centreline between the nodes: positions, lengths and turned angles.
+"""The centreline between the nodes: positions, lengths, turned angles and outer radii.
 
 Inside an element the strains are the polynomial through the stages. A part of an element is an
 element itself, with the kinematics of octoplan.model.rod.element.
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.law import CrossSection
+from octoplan.model.cross_section.law import CrossSection, RubberSection
 from octoplan.model.cross_section.sections import kinematics
 from octoplan.model.effects.sections import NeoHookean
 from octoplan.model.equilibrium.newton import STAGES
@@ -162,6 +162,32 @@ class Centreline:
             return np.asarray(outer)
         stretch = np.einsum("km,km->k", gauss(STAGES).at(share), self.nu[element, :, 0])
         return np.asarray(outer / np.sqrt(np.maximum(stretch, 1e-3)))
+
+
+def stretch_beside(system: DiscreteRod, strains: Array) -> tuple[Array, Array]:
+    """Return the stretch (N,) on both sides of all nodes except the base.
+
+    The base side first. `strains` (N stages, strains) are at the stages.
+    """
+    method = gauss(system.layout.structure.stages)
+    _, nu = kinematics(system.layout.structure.law, strains)
+    stretch = nu[:, 0].reshape(system.mesh.steps, -1)
+    before = stretch @ method.at(1.0)
+    beyond = np.roll(stretch @ method.at(0.0), -1)
+    beyond[-1] = before[-1]
+    return before, beyond
+
+
+def outer_radii(system: DiscreteRod, strains: Array) -> Array:
+    """Return the outer radii (N,) [m] of all nodes except the base.
+
+    A body of constant volume swells by lambda^(-1/2) if it is shortened to lambda. If the strains
+    (N stages, strains) jump at a node, the larger radius of both sides is returned.
+    """
+    radii = system.arm.outer_radius(system.mesh.s[1:])[0]
+    if not isinstance(system.layout.structure.law, RubberSection):
+        return radii
+    return np.asarray(radii / np.sqrt(np.minimum(*stretch_beside(system, strains))))
 
 
 def _part(machine_code: bool) -> BatchFunction:

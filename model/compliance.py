@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, Index
 from octoplan.model.equilibrium.sensitivities import Sensitivities

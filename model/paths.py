@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from octoplan.model.support.checks import SUCH, finite_array
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import length_text
-from octoplan.model.support.value import value
+from octoplan.model.support.value import unit, value
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -140,6 +140,15 @@ class Sampled:
     def kinks(self) -> tuple[float, ...]:
         """See Path.kinks."""
         return ()
+
+
+# Descriptions of functions of arc length in files.
+_PATH = "[base, end], or samples"
+_PATHS = f"{_PATH}, or a list with one for each tendon"
+LengthPath = Annotated[Path, unit("mm", description=_PATH)]
+LengthPaths = Annotated[Path | tuple[Path, ...], unit("mm", description=_PATHS)]
+AnglePaths = Annotated[Path | tuple[Path, ...], unit("deg", description=_PATHS)]
+CurvaturePath = Annotated[Path, unit("1/m", description=_PATH)]
 
 
 def _check_samples(name: str, s: tuple[float, ...], values: tuple[float, ...]) -> None:

@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import SMALLEST
 
+# Size of a pose: quaternion and position.
+POSE = 7
 # Number of doublings of the angle in half_angle.
 _DOUBLINGS = 3
 # Degree of the power series in half_angle, in the squared angle.

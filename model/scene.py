@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from octoplan.model.effects.base import Effect
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean
-from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.text import HtmlRepr
 from octoplan.model.support.value import value
+
+if TYPE_CHECKING:
+    from octoplan.model.rod.rod_term import RodTerm
 
 E = TypeVar("E", bound=Effect)
 # Length of a line in repr [characters].

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects.sections import ExactTendons, NeoHookean
 from octoplan.model.equilibrium.integration import tendon_tensions

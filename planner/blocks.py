@@ -24,7 +24,7 @@ from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import Term
 from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.shape import Shape
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows

@@ -26,7 +26,7 @@ from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Kernel, Places, What
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.shape import Shape
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.tendons import least_compliance

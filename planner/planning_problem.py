@@ -15,8 +15,8 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects.sections import Extension
-from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.loads import has_unique_equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle

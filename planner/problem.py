@@ -21,8 +21,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import is_stable
-from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_unique_equilibrium, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.settle import ACCURACY

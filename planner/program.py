@@ -72,7 +72,7 @@ from scipy.sparse import csc_array, diags_array
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.block import Block, ProgramView, Rows
 from octoplan.planner.targets.target_rows import EQUALITY

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.paths import Array
-from octoplan.model.support.quantities import Count
+from octoplan.model.support.value import Count
 from octoplan.planner.block import Constraints
 from octoplan.planner.nlp_options import NlpOptions
 

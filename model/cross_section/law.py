@@ -1,4 +1,4 @@
-"""The interface of the law of a cross-section, and the paper's law, as SX expressions of strains.
+"""Laws of a cross-section, as SX expressions of strains, and the law of a scene.
 
 Strains v are the curvatures about t, n, b, then stretch and shears. Torsion, stretch and shears are
 strains only if the scene enables them. A wrench is the local moment, then the local forces that do
@@ -8,11 +8,18 @@ work on stretch and shears.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
+from octoplan.model.paths import Array
+from octoplan.model.rod.kernels import Name
+from octoplan.model.scene import Scene
+from octoplan.model.stations import Stations
 
 # Added to the squared length of a tendon, so that the length is differentiable at 0. The root is
 # large compared with the rounding of the square (1e-16).
@@ -20,9 +27,6 @@ TINY = 1e-24
 
 # Size of the stiffness in the numbers of the body.
 STIFFNESS_SIZE = 5
-
-# Marks an intermediate of an expression; see octoplan.model.rod.kernels.
-Name = Callable[[ca.SX], ca.SX]
 
 
 @dataclass(frozen=True)
@@ -194,3 +198,146 @@ def resultants(n: Any, b: Any, n_rate: Any, b_rate: Any) -> tuple[Any, ...]:
     T1+T2+T3+T4, y (T1-T3), y (T2-T4), y^2 (T1+T3), 0 and y^2 (T2+T4).
     """
     return 1.0, n, b, n * n, n * b, b * b, n_rate, b_rate, n * b_rate - b * n_rate
+
+
+@dataclass(frozen=True)
+class EnergySection(CrossSection):
+    """Strains are kappa, lambda = 1 + q and shears, all per unit reference length.
+
+    The wrench is the gradient of `energy` plus the gradient of the sum of T |c|; see CrossSection.
+    A subclass defines the energy, and the width of the section as a function of the stretch.
+    """
+
+    along_at_rest: ClassVar[float] = 1.0
+
+    @abstractmethod
+    def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """Return the energy of a body that is straight at rest, per unit reference length [N]."""
+
+    def width(self, stretch: ca.SX) -> ca.SX:
+        """Return the width of a section relative to rest: 1 for a rigid section."""
+        return ca.SX(1)
+
+    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """See CrossSection.tangent: c = nu + w (Y' + kappa x Y) with the width w."""
+        kappa, nu = self.twist(v)
+        w = self.width(nu[0])
+        return self.tangent_of_bend(w * kappa, nu, w, path)
+
+    def tangent_of_bend(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
+        """Return the tangent of a tendon, a linear function of bend = w kappa (3,)."""
+        Y, Y_rate = offset(path)
+        return nu + w * Y_rate + ca.cross(bend, Y)
+
+    def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """See CrossSection.twist."""
+        kappa, stretch, slide = split(self, v)
+        along = stretch if self.extension else ca.SX(1)
+        return kappa, ca.vertcat(along, slide)
+
+    def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
+        """See CrossSection.strains."""
+        return join(self, kappa, nu[0], nu[1:])
+
+    def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """See CrossSection.body: the gradient of the energy."""
+        at = ca.SX.sym("v", size(self))
+        gradient = ca.gradient(self.energy(at, body[:STIFFNESS_SIZE]), at)
+        return ca.substitute([gradient], [at], [elastic_strains(self, v, body)])[0]
+
+    def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
+        """See CrossSection.tendon: the gradient of |c(v, w(v))|, (c_v + c_w w_v)^T c / |c|."""
+        at = ca.SX.sym("v", size(self))
+        w = ca.SX.sym("w")
+        kappa, nu = self.twist(at)
+        width = self.width(nu[0])
+        c = self.tangent_of_bend(w * kappa, nu, w, path)
+        jacobian = ca.jacobian(c, at) + ca.jacobian(c, w) @ ca.jacobian(width, at)
+        here = [v, name(ca.substitute(width, at, v))]
+        tangent, jacobian = (ca.substitute([f], [at, w], here)[0] for f in (c, jacobian))
+        tangent = name(tangent)
+        return jacobian.T @ (tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
+
+
+@dataclass(frozen=True)
+class ExactSection(EnergySection):
+    """EA (lambda - 1)^2 / 2 + EJ (kappa_n^2 + kappa_b^2) / 2 + GI kappa_t^2 / 2, and shear.
+
+    Tendons run along c = nu + y' d + y kappa x d.
+    """
+
+    def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """See EnergySection.energy."""
+        kappa, nu = self.twist(v)
+        EA, EJn, EJb, GI, GA = ca.vertsplit(body)
+        bend = EJn * kappa[1] ** 2 + EJb * kappa[2] ** 2 + GI * kappa[0] ** 2
+        return (EA * (nu[0] - 1) ** 2 + bend + GA * ca.sumsqr(nu[1:])) / 2
+
+
+@dataclass(frozen=True)
+class RubberSection(EnergySection):
+    """EA (l^2 + 2/l - 3) / 6 + EJ (1 + 2/l^3) / (6 l) kappa^2 + GI kappa_t^2 / (2 l), l = lambda.
+
+    The section and the offsets of tendons shrink by l^(-1/2): c = nu + l^(-1/2) (y' d + y kappa x
+    d).
+
+    Attributes
+    ----------
+    anticlastic : bool
+        Whether tendons shift with the section, which swells on the inside of a bend.
+    """
+
+    anticlastic: bool = field(default=False, kw_only=True)
+
+    def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """See EnergySection.energy."""
+        kappa, nu = self.twist(v)
+        EA, EJn, EJb, GI, GA = ca.vertsplit(body)
+        stretch = nu[0]
+        bend = (EJn * kappa[1] ** 2 + EJb * kappa[2] ** 2) / 2
+        bend *= (1 + 2 / stretch**3) / (3 * stretch)
+        twist = GI * kappa[0] ** 2 / (2 * stretch)
+        along = EA / 6 * (stretch**2 + 2 / stretch - 3)
+        return along + bend + twist + GA * ca.sumsqr(nu[1:]) / 2
+
+    def width(self, stretch: ca.SX) -> ca.SX:
+        """See EnergySection.width: the volume is constant."""
+        return 1 / ca.sqrt(stretch)
+
+    def tangent_of_bend(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
+        """See EnergySection.tangent_of_bend."""
+        c = super().tangent_of_bend(bend, nu, w, path)
+        if self.anticlastic:
+            Y, _ = offset(path)
+            inward = bend[2] * Y[1] - bend[1] * Y[2]
+            across = bend[2] * Y[2] + bend[1] * Y[1]
+            c[0] -= (inward**2 - across**2) / (4 * nu[0])
+        return c
+
+
+def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -> CrossSection:
+    """Return the law of the cross-sections of a scene.
+
+    Parameters
+    ----------
+    curved : bool
+        Whether the cross-sections are curved at rest.
+    twisted : bool
+        Whether the law has torsion, and shear if the scene has Shear.
+    """
+    extension = scene.has(Extension)
+    shear = twisted and scene.has(Shear)
+    rubber = scene.find(NeoHookean)
+    if rubber is not None:
+        return RubberSection(extension, twisted, shear, curved, anticlastic=rubber.anticlastic)
+    kind = ExactSection if scene.has(ExactTendons) else PaperSection
+    return kind(extension, twisted, shear, curved)
+
+
+def body_parameters(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
+    """Return the numbers of the body (n, N), or the derivatives along s; see CrossSection."""
+    rest = at.rest_rate if rates else at.rest
+    body = arm.section_stiffness(at.s)[int(rates)]
+    shear = scene.find(Shear)
+    GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
+    return np.vstack([body, GA, rest])

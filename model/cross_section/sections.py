@@ -11,9 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.energy import EnergySection
-from octoplan.model.cross_section.law import CrossSection, body_size, components, size
-from octoplan.model.cross_section.of_scene import body_numbers
+from octoplan.model.cross_section.law import (
+    CrossSection,
+    EnergySection,
+    body_parameters,
+    body_size,
+    components,
+    size,
+)
 from octoplan.model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -92,13 +97,13 @@ class Sections:
         self.stations = stations(arm, s, active)
         is_continuous = np.array([guides is None for guides in arm.guides])
         self.place, self.tendon = np.nonzero(crossing(arm, self.stations) * is_continuous)
-        self.body = body_numbers(arm, scene, self.stations)
+        self.body = body_parameters(arm, scene, self.stations)
         self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
 
     @property
     def body_rates(self) -> Array:
         """The derivatives along s (n, N) of what the law takes of the body."""
-        return body_numbers(self._arm, self._scene, self.stations, rates=True)
+        return body_parameters(self._arm, self._scene, self.stations, rates=True)
 
     @cached_property
     def _closed_form(self) -> tuple[ClosedStatics, Array, Array, Array]:

@@ -15,18 +15,20 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.energy import EnergySection, RubberSection
 from octoplan.model.cross_section.law import (
     STIFFNESS_SIZE,
     TINY,
+    EnergySection,
     PaperSection,
+    RubberSection,
+    body_parameters,
     body_size,
+    cross_section_of,
     elastic_strains,
     join,
     resultants,
     size,
 )
-from octoplan.model.cross_section.of_scene import body_numbers, cross_section_of
 from octoplan.model.effects.sections import Shear
 from octoplan.model.paths import Array
 from octoplan.model.rotations import norm
@@ -96,7 +98,7 @@ class EnergyStatics:
         if self.law.torsion:
             Y = tendon_offsets(arm, at)[:2].reshape(4, at.s.size, -1)
             paths = Y.transpose(0, 2, 1).reshape(-1, at.s.size)
-        return np.ascontiguousarray(np.vstack([body_numbers(arm, scene, at), paths]).T)
+        return np.ascontiguousarray(np.vstack([body_parameters(arm, scene, at), paths]).T)
 
     def _split(self, data: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
         """Return the numbers of the body, and the path (4,) of each tendon in its directions."""
@@ -238,7 +240,7 @@ class PaperStatics:
 
     def data(self, arm: Arm, scene: Scene, at: Stations) -> Array:
         """See EnergyStatics.data."""
-        return np.ascontiguousarray(body_numbers(arm, scene, at).T)
+        return np.ascontiguousarray(body_parameters(arm, scene, at).T)
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See EnergyStatics.wrench."""

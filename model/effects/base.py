@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
-from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.checks import SUCH
 from octoplan.model.support.value import value
 
 if TYPE_CHECKING:
     from octoplan.model.forward import ForwardMap
+    from octoplan.model.rod.rod_term import RodTerm
     from octoplan.model.scene import Scene
     from octoplan.model.settle import SettlingProblem
     from octoplan.model.shape import Shape

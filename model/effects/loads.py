@@ -22,7 +22,8 @@ from octoplan.model.rod.load_terms import (
 )
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import (
+from octoplan.model.support.units import FLUID, GRAVITY, SPEED, length_text, warn_unusual
+from octoplan.model.support.value import (
     ArcLength,
     Density,
     Force,
@@ -30,9 +31,8 @@ from octoplan.model.support.quantities import (
     Place,
     Vector,
     unit,
+    value,
 )
-from octoplan.model.support.units import FLUID, GRAVITY, SPEED, length_text, warn_unusual
-from octoplan.model.support.value import value
 
 _NONE = (0.0, 0.0, 0.0)
 

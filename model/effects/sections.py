@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from octoplan.model.arm import Arm
 from octoplan.model.effects.base import Effect, EffectSet, Rules
-from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import Positive
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Positive, value
+
+if TYPE_CHECKING:
+    from octoplan.model.rod.rod_term import RodTerm
 
 
 @value

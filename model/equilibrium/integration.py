@@ -27,12 +27,16 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.kernels import Places
-from octoplan.model.rod.nodes import POSE
-from octoplan.model.rod.parameters import section_values, tendon_values, uniform_values
 from octoplan.model.rod.rod_term import ElementLoad, RodPoints, SectionView
-from octoplan.model.rod.structure import RodStructure, of_term
+from octoplan.model.rod.structure import (
+    RodStructure,
+    of_term,
+    section_values,
+    tendon_values,
+    uniform_values,
+)
 from octoplan.model.rod.tendons import state_rate_function, tension_ratio_function
-from octoplan.model.rotations import multiply, unit_matrix
+from octoplan.model.rotations import POSE, multiply, unit_matrix
 from octoplan.model.stations import stations
 from octoplan.model.support.machine.functions import BatchFunction, cached
 

@@ -24,7 +24,7 @@ from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import CollapsedError, SingularError, UnsettledSectionError
 from octoplan.model.unloaded.marched import Marched
 

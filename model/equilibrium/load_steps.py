@@ -30,8 +30,7 @@ from octoplan.model.equilibrium.continuation import (
 )
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History, linearised
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, Start, newton, step_sizes
-from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_unique_equilibrium, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod

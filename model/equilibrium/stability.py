@@ -27,7 +27,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import SingularError
 
 # Number of Arnoldi vectors per eigenvalue that is computed.

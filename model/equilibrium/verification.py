@@ -16,7 +16,7 @@ from octoplan.model.equilibrium.integration import SCHEME, Integration
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.forward import estimate
 from octoplan.model.paths import Array
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import ConvergenceError
 from octoplan.model.support.progress import check_time
 

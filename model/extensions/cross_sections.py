@@ -7,11 +7,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from octoplan.model.anchorage import Material, Profile, annulus
-from octoplan.model.paths import Array, Linear, Path
+from octoplan.model.paths import Array, LengthPath, Linear, Path
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import LengthPath, unit
 from octoplan.model.support.units import length_text
-from octoplan.model.support.value import value
+from octoplan.model.support.value import unit, value
 
 __all__ = ["Rectangle", "SectionStiffness", "Tube"]
 

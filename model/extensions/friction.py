@@ -35,8 +35,7 @@ from octoplan.model.rod.rod_term import RodPoints, RodTerm, SectionView, Sizes, 
 from octoplan.model.rotations import norm
 from octoplan.model.stations import Counts, tendon_paths
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import NotNegative, Sign
-from octoplan.model.support.value import value
+from octoplan.model.support.value import NotNegative, Sign, value
 
 __all__ = ["Friction"]
 

@@ -28,11 +28,11 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array
+from octoplan.model.rod.element import zero
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Kernel, Places
-from octoplan.model.rod.nodes import POSE, zero
 from octoplan.model.rod.rod_term import RodPlaces, RodTerm
-from octoplan.model.rotations import norm, unit_matrix
+from octoplan.model.rotations import POSE, norm, unit_matrix
 from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, stations, tendon_paths
 from octoplan.model.support.machine.functions import cached

@@ -16,8 +16,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.law import PaperSection, resultants
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import PaperSection, cross_section_of, resultants
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import Extension
 from octoplan.model.effects.base import Effect, Rules

@@ -16,9 +16,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from octoplan.model.cross_section.law import Name
 from octoplan.model.integrators import Bracket, expansion, series
 from octoplan.model.paths import Array
+from octoplan.model.rod.kernels import Name
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,29 +14,35 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.energy import RubberSection
-from octoplan.model.cross_section.of_scene import cross_section_of
-from octoplan.model.cross_section.sections import Sections, kinematics
-from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths, rod_terms
+from octoplan.model.cross_section.law import cross_section_of
+from octoplan.model.cross_section.sections import Sections
+from octoplan.model.loads import (
+    dead_resultant,
+    growth_rate,
+    is_loaded,
+    required_arc_lengths,
+    rod_terms,
+)
 from octoplan.model.mesh import Mesh, graded, kinks
 from octoplan.model.paths import Array
-from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.element import element
+from octoplan.model.rod.element import element, node_kernel_name
 from octoplan.model.rod.equations import ParameterValues
 from octoplan.model.rod.kernels import Places
-from octoplan.model.rod.layout import layout
-from octoplan.model.rod.nodes import POSE
-from octoplan.model.rod.parameters import rod_parameters
-from octoplan.model.rod.rod_term import RodTerm
+from octoplan.model.rod.layout import Layout, layout
+from octoplan.model.rod.rod_term import RodPoints, RodTerm, Values
 from octoplan.model.rod.structure import (
+    NodeGroup,
     RodStructure,
     TermStructure,
     group_node_terms,
     section_terms,
+    section_values,
+    tendon_values,
+    uniform_values,
 )
-from octoplan.model.rotations import cross
+from octoplan.model.rotations import POSE, cross
 from octoplan.model.scene import Scene
-from octoplan.model.stations import base_pose
+from octoplan.model.stations import base_pose, stations, tendon_paths
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BatchFunction, BufferedFunction, cached
 
@@ -58,6 +64,8 @@ class DiscreteRod:
         The cross-sections at the stages; crossings of tendons have the order of the layout.
     terms : tuple of RodTerm
         The terms of the rod, with their parameter values.
+    section_terms : tuple of RodTerm
+        The terms with expressions of cross-sections or tendons, in the order of the structure.
     node_terms : list of list of RodTerm
         The terms of each node group of the layout.
     units : (strains,)
@@ -79,12 +87,13 @@ class DiscreteRod:
         self.mesh = mesh
         self.loaded = loaded
         self.terms = rod_terms(arm, scene) if terms is None else terms
+        self.section_terms = section_terms(self.terms)
         structure = RodStructure(
             law=cross_section_of(scene, arm.is_curved, twisted=loaded),
             stages=stages,
             has_moment=loaded,
             has_force=any(term.depends_on_shape for term in self.terms),
-            term_structures=tuple(TermStructure(term) for term in section_terms(self.terms)),
+            term_structures=tuple(TermStructure(term) for term in self.section_terms),
             machine_code=machine_code,
         )
         anchorages = [mesh.node(section.at) for section in arm.sections]
@@ -98,15 +107,71 @@ class DiscreteRod:
         self.sections = Sections(arm, scene, structure.law, self.s, active, machine_code)
         curvatures = np.arange(structure.n_strains) < 2 + structure.law.torsion
         self.units = np.where(curvatures, 1 / arm.length, 1.0)
-        values = rod_parameters(
-            arm, scene, mesh, self.layout, self.sections, self.terms, self.node_terms
-        )
-        self.p = self.layout.equations.vector(values)
+        self.p = self.layout.equations.vector(self._parameter_values())
         length_path = {"path": self.sections.paths, "weight": weights[None, self.sections.place]}
         length_values: ParameterValues = {"tendon_length": length_path}
         for term in self.terms:
             length_values |= term.length_values(arm, mesh)
         self.length_p = self.layout.lengths.vector(length_values)
+
+    def _parameter_values(self) -> ParameterValues:
+        """Return the parameter values of the equations of equilibrium.
+
+        A parameter of the stages of an element contains the values of its stages one after the
+        other.
+        """
+        mesh = self.mesh
+        layout = self.layout
+        structure = layout.structure
+        sections = self.sections
+        points = RodPoints(self.arm, sections.stations, self.terms)
+        h = np.diff(mesh.s)
+        N = h.size
+        of_sections = section_values(points)
+        result: ParameterValues = {
+            "clamp": {"pose": base_pose(self.arm)[:, None]},
+            "element": {"h": h[None], "force": np.zeros((0, N)), "moment": np.zeros((0, N))},
+            "body": {"body": sections.body, **of_sections},
+            "tendon": {"path": sections.paths},
+        }
+        if structure.has_moment:
+            end = np.repeat(mesh.s[1:], structure.stages)
+            dead = {"dead": dead_resultant(self.arm, self.scene, sections.s, end)} | of_sections
+            uniform = {
+                name: np.repeat(value[:, None], N, axis=1)
+                for name, value in uniform_values(self.arm, self.section_terms).items()
+            }
+            result["element"] |= {"force": np.zeros((3, N)), "moment": np.zeros((3, N))}
+            result["element"] |= _by_element(dead, N) | uniform
+            result["tip"] = {"moment": np.zeros((3, 1))}
+            for i, (group, members) in enumerate(
+                zip(layout.node_groups, self.node_terms, strict=True)
+            ):
+                result[node_kernel_name(i)] = _node_values(self.arm, mesh, group, members)
+        else:
+            result["element"]["dead"] = np.zeros((0, N))
+        if structure.couples_stages:
+            result["body"]["body_rate"] = sections.body_rates
+            stage, tendon = layout.crossings
+            values = {"path": sections.paths} | tendon_values(points, stage, tendon)
+            result["tendon_in_element"] = _by_passage(values, layout)
+            result["tendon_in_element"]["h"] = h[None, layout.passages[0]]
+            result["tendon_jump"] = self._jump_values()
+        for members in self.node_terms:
+            for term in members:
+                result |= term.kernel_values(self.arm, mesh)
+        return result
+
+    def _jump_values(self) -> Values:
+        """Return the parameter values of the jumps of tendon states."""
+        mesh = self.mesh
+        h = np.diff(mesh.s)
+        k, j = self.layout.kinks
+        result = {"h": np.stack([h[k], h[k + 1]])}
+        for side, s in (("before", mesh.s[k + 1]), ("after", mesh.inside(k + 1, mesh.s[k + 1]))):
+            ends = stations(self.arm, s, mesh.active[k + 1])
+            result[f"path_{side}"] = tendon_paths(self.arm, ends, np.arange(k.size), j)
+        return result
 
     def __reduce__(self) -> tuple[Any, ...]:
         structure = self.layout.structure
@@ -150,11 +215,6 @@ class DiscreteRod:
             structure.machine_code,
             terms,
         )
-
-    @property
-    def section_terms(self) -> tuple[RodTerm, ...]:
-        """The terms with expressions of cross-sections or tendons, in the structure's order."""
-        return section_terms(self.terms)
 
     @property
     def parameters(self) -> ParameterValues:
@@ -231,30 +291,6 @@ class DiscreteRod:
             x[term.unknowns].T, c
         )[0]
 
-    def stretch_beside(self, strains: Array) -> tuple[Array, Array]:
-        """Return the stretch (N,) on both sides of all nodes except the base.
-
-        The base side first. `strains` (N stages, strains) are at the stages.
-        """
-        method = gauss(self.layout.structure.stages)
-        _, nu = kinematics(self.layout.structure.law, strains)
-        stretch = nu[:, 0].reshape(self.mesh.steps, -1)
-        before = stretch @ method.at(1.0)
-        beyond = np.roll(stretch @ method.at(0.0), -1)
-        beyond[-1] = before[-1]
-        return before, beyond
-
-    def outer_radii(self, strains: Array) -> Array:
-        """Return the outer radii (N,) [m] of all nodes except the base.
-
-        A body of constant volume swells by lambda^(-1/2) if it is shortened to lambda. If the
-        strains (N stages, strains) jump at a node, the larger radius of both sides is returned.
-        """
-        radii = self.arm.outer_radius(self.mesh.s[1:])[0]
-        if not isinstance(self.layout.structure.law, RubberSection):
-            return radii
-        return np.asarray(radii / np.sqrt(np.minimum(*self.stretch_beside(strains))))
-
     def integrate_poses(self, strains: Array) -> Array:
         """Integrate strains at the stages (N stages, strains) to poses at the nodes (N + 1, 7)."""
         structure = self.layout.structure
@@ -318,6 +354,38 @@ class DiscreteRod:
             missing[..., moments[:-1]] += cross(along, states[..., forces[1:]])
         states[..., moments] = _from_tip(missing[..., moments])
         return states
+
+
+def _node_values(arm: Arm, mesh: Mesh, group: NodeGroup, members: list[RodTerm]) -> Values:
+    """Return the values (size, n) of the node parameters of a group of terms."""
+    values = [
+        term.node_values(arm, mesh, np.array(nodes, np.int64))
+        for term, nodes in zip(members, group.nodes, strict=True)
+    ]
+    names = group.structure.term.node_parameters
+    return {name: np.hstack([each[name] for each in values]) for name in names}
+
+
+def _by_element(values: Values, N: int) -> Values:
+    """Return values (size, N m) as (m size, N): by stage the values of one element."""
+    return {
+        name: value.reshape(len(value), N, -1).transpose(2, 0, 1).reshape(-1, N)
+        for name, value in values.items()
+    }
+
+
+def _by_passage(values: Values, layout: Layout) -> Values:
+    """Return values (size, P) of crossings as (m size, P / m): by stage the values of a passage."""
+    stage, tendon = layout.crossings
+    m = layout.structure.stages
+    k, j = layout.passages
+    place = np.zeros((layout.elements * m, layout.n_tendons), np.int64)
+    place[stage, tendon] = np.arange(stage.size)
+    chosen = place[k[:, None] * m + np.arange(m), j[:, None]]
+    return {
+        name: value[:, chosen].transpose(2, 0, 1).reshape(m * len(value), k.size)
+        for name, value in values.items()
+    }
 
 
 def _from_tip(steps: Array) -> Array:

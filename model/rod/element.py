@@ -1,4 +1,6 @@
-"""The kernel of an element: kinematics and balance between two nodes of the mesh.
+"""Kernels of elements and nodes: kinematics, balance, the clamp, the tip, and loads at nodes.
+
+An element is the part of the rod between two nodes of the mesh.
 
 With kappa_i, nu_i the strains at the Gauss stages and a, b, c the tableau
 (octoplan.model.rod.collocation), poses follow from base to tip, moments and forces from tip to
@@ -25,9 +27,9 @@ import casadi as ca
 from octoplan.model.cross_section.law import join
 from octoplan.model.rod.collocation import gauss, rotation_vectors, weighted_sum
 from octoplan.model.rod.kernels import Intermediates, Kernel
-from octoplan.model.rod.rod_term import SectionView, Symbols, check_declared
-from octoplan.model.rod.structure import RodStructure, of_term
-from octoplan.model.rotations import half_angle, multiply, unit_matrix
+from octoplan.model.rod.rod_term import NodeView, SectionView, Symbols, check_declared
+from octoplan.model.rod.structure import RodStructure, TermStructure, of_term
+from octoplan.model.rotations import POSE, half_angle, multiply, unit_matrix
 
 
 class ElementSymbols:
@@ -281,3 +283,51 @@ def _moments(
     M_local = intermediates.define(kinematics.frame_at_node.T @ M_next)
     M = [intermediates.define(M_local + x.h * weighted_sum(method.b - a, rates)) for a in method.a]
     return M, row
+
+
+# Nodes
+
+
+def clamp() -> Kernel:
+    """Return the kernel of the base: the pose minus the pose of the clamp."""
+    pose = ca.SX.sym("g", POSE)
+    clamped = ca.SX.sym("clamped", POSE)
+    return Kernel("clamp", pose, {"pose": clamped}, pose - clamped)
+
+
+def zero() -> Kernel:
+    """Return the kernel of an unknown that is 0."""
+    value = ca.SX.sym("value")
+    return Kernel("zero", value, {}, value)
+
+
+def tip(structure: RodStructure) -> Kernel:
+    """Return the kernel of the tip: M, F minus an additional moment (3,), for sensitivities."""
+    w = ca.SX.sym("w", structure.n_wrench)
+    moment = ca.SX.sym("moment", 3)
+    return Kernel("tip", w, {"moment": moment}, ca.vertcat(w[:3] - moment, w[3:]))
+
+
+def node_kernel_name(group: int) -> str:
+    """Return the name of the kernel of a group of terms at its nodes."""
+    return f"node_{group}"
+
+
+def node(name: str, structure: TermStructure, n_wrench: int) -> Kernel:
+    """Return the kernel of a term at a node.
+
+    Unknowns: load factor, pose, node variables of the term. Rows: minus the moment and the force on
+    the node, which are the jumps of M and F from its tip side to its base side; then the equations
+    of the node variables.
+    """
+    term = structure.term
+    load_factor = ca.SX.sym("load")
+    pose = ca.SX.sym("g", POSE)
+    variables = ca.SX.sym("z", term.n_node_variables)
+    symbols = {key: ca.SX.sym(key, size) for key, size in term.node_parameters.items()}
+    view = NodeView(frame=unit_matrix(pose[:4]), variables=variables, parameters=symbols)
+    force = term.node_force(view)
+    check_declared(term, force, has_force=n_wrench > 3)
+    wrench = ca.vertcat(term.node_moment(view), force)[:n_wrench]
+    rows = ca.vertcat(-load_factor * wrench, term.node_equations(view))
+    return Kernel(name, ca.vertcat(load_factor, pose, variables), symbols, rows)

@@ -20,7 +20,7 @@ Optim. Methods Softw. 27 (2012), here by blocks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Literal
 
@@ -29,6 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Places = NDArray[np.int64]
+# Returns symbols for an intermediate of an expression, see Intermediates.define.
+Name = Callable[[ca.SX], ca.SX]
 What = Literal["value", "jacobian", "parameter_jacobian", "hessian"]
 
 

@@ -13,19 +13,21 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.law import CrossSection
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Places
 from octoplan.model.stations import Counts, Stations
 from octoplan.model.support.errors import InputError
+
+if TYPE_CHECKING:
+    from octoplan.model.cross_section.law import CrossSection
 
 # Sizes of parameters, and their symbols or values, by name.
 Sizes = dict[str, int]

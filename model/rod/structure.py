@@ -1,4 +1,4 @@
-"""The structure of a rod: the law of its cross-sections and its terms, without parameters."""
+"""The structure of a rod: its law and its terms without parameters, and parameters by term."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import CrossSection, size
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
-from octoplan.model.rod.rod_term import RodTerm, Sizes, Symbols, Values
+from octoplan.model.rod.rod_term import RodPoints, RodTerm, Sizes, Symbols, Values
+from octoplan.model.stations import Counts
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,33 @@ def section_terms(terms: tuple[RodTerm, ...]) -> tuple[RodTerm, ...]:
         for term in terms
         if any(getattr(type(term), name) is not getattr(RodTerm, name) for name in _SECTION_MEMBERS)
     )
+
+
+def uniform_values(arm: Arm, terms: tuple[RodTerm, ...]) -> Values:
+    """Return the values (size,) of the uniform parameters of all terms."""
+    return {
+        parameter_name(i, name): value
+        for i, term in enumerate(terms)
+        for name, value in term.uniform_values(arm).items()
+    }
+
+
+def section_values(points: RodPoints) -> Values:
+    """Return the values (size, n) of the section parameters of all terms."""
+    return {
+        parameter_name(i, name): value
+        for i, term in enumerate(section_terms(points.terms))
+        for name, value in term.section_values(points).items()
+    }
+
+
+def tendon_values(points: RodPoints, place: Counts, tendon: Counts) -> Values:
+    """Return the values (size, P) of the tendon parameters of all terms."""
+    return {
+        parameter_name(i, name): value
+        for i, term in enumerate(section_terms(points.terms))
+        for name, value in term.tendon_values(points, place, tendon).items()
+    }
 
 
 @dataclass(frozen=True)

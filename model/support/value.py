@@ -1,8 +1,12 @@
-"""Frozen values: dataclasses that check and convert their arguments according to annotations.
+"""Frozen values: dataclasses that check and convert arguments by annotations of quantities.
 
 Arguments are converted before `__post_init__`: numbers to floats within bounds, sequences to
 tuples, arrays of numbers to nested tuples of a given shape. Arguments of another type raise
 InputError with the class and the argument. `__post_init__` checks relations between arguments.
+
+The annotations of quantities are types, bounds, and units in files. Values are stored in SI units,
+and bounds are in SI units. `octoplan.planner.frontends.io` derives keys, checks, schema and
+documentation of files from the annotations, so that each argument is defined once, in its class.
 """
 
 from __future__ import annotations
@@ -29,14 +33,17 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.support.checks import (
+    SUCH,
     finite,
     finite_array,
     is_several,
     kind,
     literal,
     not_negative,
+    orthonormal,
     positive,
     such,
+    unit_vector,
 )
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import likely_degrees
@@ -313,3 +320,36 @@ def _items(hint: Any, least: int) -> Convert:
         return hint(*items) if hasattr(hint, "_fields") else tuple(items)
 
     return convert
+
+
+# Annotations of quantities. Values and bounds are in SI units, units of files are named.
+
+
+def unit(name: str, **bounds: Any) -> Meta:
+    """Return the annotation of a quantity: its unit in files, and other arguments of Meta."""
+    return Meta(extra={"unit": name}, **bounds)
+
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Sign = Literal[1, -1]
+Count = Annotated[int, Meta(ge=0)]
+Corners = Annotated[tuple[int, ...], Meta(min_length=3, max_length=3)]
+Vector = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
+Direction = Annotated[Vector, Rule(unit_vector)]
+Matrix = Annotated[tuple[Vector, ...], Meta(min_length=3, max_length=3)]
+Frame = Annotated[Matrix, Rule(orthonormal)]
+Axes = Annotated[Matrix, Rule(partial(orthonormal, right_handed=False))]
+SUCH[Sign] = "1 (pulling in) or -1 (paying out)"
+
+Length = Annotated[Positive, unit("mm")]
+ArcLength = Annotated[NotNegative, unit("mm")]
+Guides = Annotated[tuple[ArcLength, ...], Meta(max_length=1000)]
+Place = Annotated[Vector, unit("mm")]
+Sizes = Annotated[tuple[Positive, ...], unit("mm", min_length=3, max_length=3)]
+Angle = Annotated[float, unit("deg")]
+Density = Annotated[NotNegative, unit("kg/m3")]
+Force = Annotated[Vector, unit("N")]
+# Axial stiffness E A of tendons whose lengths are held.
+Tension = Annotated[Positive, unit("N")]
+Stiffness = Annotated[Positive, unit("N/m")]

@@ -18,8 +18,7 @@ import numpy as np
 
 from octoplan.model.anchorage import Anchorage, RestCurvature
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.law import size
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import cross_section_of, size
 from octoplan.model.cross_section.sections import Sections, reported, solve_sections
 from octoplan.model.cross_section.statics import ClosedStatics, closed_statics
 from octoplan.model.integrators import Magnus

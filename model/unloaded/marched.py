@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Extremes, Sections
 from octoplan.model.integrators import Magnus, RungeKutta
 from octoplan.model.mesh import Mesh, graded

@@ -20,9 +20,8 @@ from dataclasses import replace
 import numpy as np
 
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.forward import FINEST_ACCURACY, next_refinement
-from octoplan.model.loads import convergence_order
+from octoplan.model.loads import convergence_order, has_unique_equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, OctoplanError

@@ -16,7 +16,7 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
-from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.loads import has_unique_equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.block import Block

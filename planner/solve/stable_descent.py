@@ -25,7 +25,7 @@ from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.paths import Array
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.linearised_blocks import STABILITY, LeastMode

@@ -12,9 +12,8 @@ from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import finite_array
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import Length, NotNegative, Place
 from octoplan.model.support.units import length_text
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Length, NotNegative, Place, value
 from octoplan.planner.targets.base import Target, Terms, View, check_near
 
 

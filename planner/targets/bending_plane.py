@@ -13,9 +13,8 @@ from octoplan.model.arm import Arm
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.model.support.quantities import Angle, unit
 from octoplan.model.support.units import ANGLE, warn_unusual
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Angle, unit, value
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets.base import Target, Terms, View, toward
 

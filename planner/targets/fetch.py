@@ -13,10 +13,9 @@ from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.quantities import Angle, Place, unit
 from octoplan.model.support.text import counted
 from octoplan.model.support.units import ANGLE, warn_unusual
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Angle, Place, unit, value
 from octoplan.planner.targets.base import Target, Terms, View, check_near, toward
 
 

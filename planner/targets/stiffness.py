@@ -15,8 +15,7 @@ from octoplan.model.stiffness import Hold
 from octoplan.model.support.checks import finite_array, unit_vector
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
-from octoplan.model.support.quantities import Direction, Stiffness, Tension
-from octoplan.model.support.value import Rule, value
+from octoplan.model.support.value import Direction, Rule, Stiffness, Tension, value
 from octoplan.planner.targets.base import OVER_WANTED, ComplianceRequest, Target, Terms, View
 
 SHARE = f"stiffness{OVER_WANTED}"

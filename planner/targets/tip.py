@@ -13,8 +13,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.rotations import from_matrix
 from octoplan.model.support.checks import orthonormal
-from octoplan.model.support.quantities import Direction, Matrix, Place, Positive
-from octoplan.model.support.value import Rule, value
+from octoplan.model.support.value import Direction, Matrix, Place, Positive, Rule, value
 from octoplan.planner.targets.base import Target, Terms, View, check_near
 
 POSITION = "tip position"

@@ -12,8 +12,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.quantities import NotNegative
-from octoplan.model.support.value import value
+from octoplan.model.support.value import NotNegative, value
 
 if TYPE_CHECKING:
     from octoplan.model.arm import Arm

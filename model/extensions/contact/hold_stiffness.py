@@ -12,7 +12,7 @@ from octoplan.model.extensions.contact.kernels import BEFORE, FRICTION
 from octoplan.model.extensions.contact.touches import kernel_numbers
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 

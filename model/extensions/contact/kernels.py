@@ -27,8 +27,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from octoplan.model.cross_section.energy import EnergySection
-from octoplan.model.cross_section.law import CrossSection, join, size
+from octoplan.model.cross_section.law import CrossSection, EnergySection, join, size
 from octoplan.model.extensions.obstacles.base import SIZE, signed_distance
 from octoplan.model.rod.collocation import gauss, rotation_vectors, weighted_sum
 from octoplan.model.rod.kernels import Kernel

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from octoplan.model.centreline import stretch_beside
 from octoplan.model.effects import NeoHookean, Shear
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import predict_states, transfer_strains
@@ -187,7 +188,7 @@ def _with_larger_radius(system: DiscreteRod, states: Array) -> DiscreteRod:
     if not system.scene.has(NeoHookean):
         return system
     result = copy.copy(system)
-    before, beyond = system.stretch_beside(states[system.layout.stages])
+    before, beyond = stretch_beside(system, states[system.layout.stages])
     # The kernel divides by the root of the stretch before a node.
     wider = system.arm.outer_radius(system.mesh.s[1:])[0] * np.sqrt(np.maximum(before / beyond, 1))
     kernel_numbers(result, "touch")[:, :, SIZE] = wider[:, None]

@@ -16,8 +16,8 @@ from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.nodes import POSE
 from octoplan.model.rod.rod_term import ElementLoad, RodPlaces, RodTerm
+from octoplan.model.rotations import POSE
 from octoplan.model.stations import Counts
 from octoplan.model.support.machine.functions import cached
 

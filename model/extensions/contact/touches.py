@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octoplan.model.centreline import outer_radii
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.contact.kernels import FLAGS
@@ -250,7 +251,7 @@ def equilibrium_contacts(
         return ()
     s, places = system.mesh.s[nodes], system.poses(states)[nodes, 4:]
     distance, normals = pair_distances(bodies_of(system.scene)[numbers], places)
-    gaps = distance - system.outer_radii(states[system.layout.stages])[nodes - 1]
+    gaps = distance - outer_radii(system, states[system.layout.stages])[nodes - 1]
     slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
     slipped -= (slipped * normals).sum(axis=1, keepdims=True) * normals
     rubbed = frictions(system, states)[nodes, numbers]

@@ -9,10 +9,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from octoplan.model.cross_section.energy import EnergySection
 from octoplan.model.cross_section.law import (
     STIFFNESS_SIZE,
     CrossSection,
+    EnergySection,
     body_size,
     elastic_strains,
     size,
@@ -24,10 +24,9 @@ from octoplan.model.rod.element import element, rotation_quaternions
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Intermediates, Kernel, Places
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.nodes import POSE
 from octoplan.model.rod.structure import RodStructure
 from octoplan.model.rod.tendons import tendon_length
-from octoplan.model.rotations import unit_matrix
+from octoplan.model.rotations import POSE, unit_matrix
 from octoplan.model.support.machine.functions import cached
 
 

@@ -29,8 +29,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from octoplan.model.cross_section.energy import EnergySection, ExactSection
-from octoplan.model.cross_section.of_scene import body_numbers
+from octoplan.model.centreline import outer_radii
+from octoplan.model.cross_section.law import EnergySection, ExactSection, body_parameters
 from octoplan.model.cross_section.sections import reported, strains_of
 from octoplan.model.extensions.guides import GuideTerm
 from octoplan.model.extensions.lengths.energy import Spans, held_rows, potential_energy
@@ -54,9 +54,9 @@ from octoplan.model.rod.load_terms import (
     PointForceTerm,
     WeightTerm,
 )
-from octoplan.model.rod.nodes import POSE
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import RodStructure
+from octoplan.model.rotations import POSE
 from octoplan.model.scene import Scene
 from octoplan.model.stations import base_pose, stations, tendon_paths
 from octoplan.model.support.machine.functions import BufferedFunction
@@ -157,7 +157,7 @@ class LeastEnergy:
         self._h = np.diff(mesh.s)[None] / L
         self._weights = np.outer(self._h, gauss(m).b).ravel()
         stiff = [F, *[F * L**2] * 3, F, *[1 / L] * (2 * law.curved)]
-        self._body = body_numbers(arm, scene, at) / np.array(stiff)[:, None]
+        self._body = body_parameters(arm, scene, at) / np.array(stiff)[:, None]
         self._paths = tendon_paths(arm, at, self._stage, self._tendon) / np.array(
             [[L], [L], [1], [1]]
         )
@@ -303,7 +303,7 @@ class LeastEnergy:
         rows = [self._h, paths, self._span_offsets]
         if K:
             bodies = np.tile(self._bodies.T, of.elements)
-            radii = np.repeat(self.system.outer_radii(self.strains(near)) / L, K)
+            radii = np.repeat(outer_radii(self.system, self.strains(near)) / L, K)
             rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
         low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]

@@ -17,8 +17,7 @@ from octoplan.model.equilibrium.linearised import Index
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import not_negative
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.quantities import NotNegative, Tension
-from octoplan.model.support.value import value
+from octoplan.model.support.value import NotNegative, Tension, value
 from octoplan.model.tendons import arm_compliance, checked_EA
 
 

@@ -8,8 +8,7 @@ from octoplan.model.extensions.obstacles.base import ALONG_BASE, Convex, axes_wi
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import LARGEST
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import Axes, Direction, Length, Place, Sizes
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Axes, Direction, Length, Place, Sizes, value
 
 
 @value

@@ -14,9 +14,8 @@ from octoplan.model.extensions.obstacles.triangles import Triangles, check_close
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import LARGEST, finite_array, orthonormal
 from octoplan.model.support.errors import FileError, InputError, needed
-from octoplan.model.support.quantities import Corners, Vector
 from octoplan.model.support.units import WIDTH, warn_unusual
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Corners, Vector, value
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 

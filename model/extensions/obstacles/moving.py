@@ -9,8 +9,7 @@ import numpy as np
 from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import Vector
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Vector, value
 
 
 @value

@@ -11,7 +11,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline, Counts
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation

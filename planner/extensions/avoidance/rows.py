@@ -26,8 +26,7 @@ from octoplan.model.mesh import graded
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Kernel
-from octoplan.model.rod.nodes import POSE
-from octoplan.model.rotations import matrices, matrix
+from octoplan.model.rotations import POSE, matrices, matrix
 from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows

@@ -20,8 +20,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import Term
 from octoplan.model.rod.kernels import Kernel
-from octoplan.model.rod.nodes import POSE
-from octoplan.model.rotations import multiply, unit_matrix
+from octoplan.model.rotations import POSE, multiply, unit_matrix
 from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from octoplan.model.arm import Arm
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.quantities import NotNegative, Positive, unit
 from octoplan.model.support.units import ANGLE, STROKE, length_text, warn_unusual
-from octoplan.model.support.value import value
+from octoplan.model.support.value import NotNegative, Positive, unit, value
 
 Pair = Annotated[tuple[float, ...], Meta(min_length=2, max_length=2)]
 # Largest insertion over the length of the arm: beyond, digits of the shape are lost [-].

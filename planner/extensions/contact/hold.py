@@ -11,8 +11,7 @@ from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import NotNegative
-from octoplan.model.support.value import value
+from octoplan.model.support.value import NotNegative, value
 from octoplan.planner.extensions.contact.grasp import LEVER, Grasp
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets.base import Target

@@ -38,7 +38,7 @@ from octoplan.model.extensions.contact.touches import (
     second,
 )
 from octoplan.model.paths import Array
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.conic import Cone, conic_program

@@ -17,9 +17,8 @@ from octoplan.model.extensions.obstacles.base import SIZE, Convex, signed_distan
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import ArcLength, Length, Positive
 from octoplan.model.support.units import length_text
-from octoplan.model.support.value import value
+from octoplan.model.support.value import ArcLength, Length, Positive, value
 from octoplan.planner.extensions.contact.remarks import curvature_remark
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View

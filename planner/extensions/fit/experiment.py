@@ -25,7 +25,7 @@ from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.lengths.by_lengths import solve_lengths
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner.extensions.fit.drives import Drive, SessionParameters
 from octoplan.planner.extensions.fit.measured import Measured

@@ -9,8 +9,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import ArcLength, Direction
-from octoplan.model.support.value import value
+from octoplan.model.support.value import ArcLength, Direction, value
 from octoplan.planner.extensions.fit.unknowns import AT_BOUND
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.targets import Softest, Stiffest

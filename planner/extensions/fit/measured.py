@@ -14,9 +14,8 @@ from octoplan.model.extensions.lengths.winches import split_missing
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import SUCH, is_several, kind, orthonormal
 from octoplan.model.support.errors import Described
-from octoplan.model.support.quantities import Matrix, NotNegative, Positive, Vector
 from octoplan.model.support.units import DISTANCE
-from octoplan.model.support.value import Rule, value
+from octoplan.model.support.value import Matrix, NotNegative, Positive, Rule, Vector, value
 from octoplan.model.tendons import rest_lengths
 
 # Standard deviations of places and lengths [m], and of frames [rad], if none are given. Only their

@@ -15,7 +15,7 @@ from octoplan.model.equilibrium.newton import CHORD_RADIUS, STAGES, Start, newto
 from octoplan.model.equilibrium.sensitivities import ParameterSensitivities
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
-from octoplan.model.rod.nodes import POSE
+from octoplan.model.rotations import POSE
 from octoplan.model.scene import Scene
 from octoplan.planner.extensions.load_estimate.readings import Readings
 

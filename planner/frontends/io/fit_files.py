@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from octoplan.model.support.errors import FileError
-from octoplan.model.support.quantities import NotNegative, Positive
+from octoplan.model.support.value import NotNegative, Positive
 from octoplan.planner.extensions.fit.design import design
 from octoplan.planner.extensions.fit.designed import Design
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach

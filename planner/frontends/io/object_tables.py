@@ -21,7 +21,7 @@ from octoplan.model.extensions.cross_sections import Rectangle, SectionStiffness
 from octoplan.model.extensions.obstacles import Box, Mesh, Moving
 from octoplan.model.extensions.obstacles.base import Convex, Obstacle
 from octoplan.model.support.errors import Described, FileError, InputError
-from octoplan.model.support.quantities import Vector
+from octoplan.model.support.value import Vector
 from octoplan.planner.extensions import public_extensions as planner_extensions
 from octoplan.planner.frontends.io.codec import (
     READ,

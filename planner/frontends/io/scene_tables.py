@@ -18,7 +18,7 @@ from octoplan.model.extensions import public_extensions
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import NotNegative, Positive
+from octoplan.model.support.value import NotNegative, Positive
 from octoplan.planner.extensions.base_joints.joints import BaseJoints
 from octoplan.planner.frontends.io.codec import (
     WRITE,

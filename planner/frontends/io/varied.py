@@ -21,8 +21,8 @@ from octoplan.model.loads import check_loads
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import NotNegative, Positive
 from octoplan.model.support.units import UnitWarning
+from octoplan.model.support.value import NotNegative, Positive
 from octoplan.planner.frontends.io.codec import Table, arguments_of, keys_of, quantity, unit_of_type
 from octoplan.planner.frontends.io.key_paths import (
     changed,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import Positive
+from octoplan.model.support.value import Positive
 from octoplan.planner.frontends.io.codec import Table
 
 Distribution = Literal["uniform", "normal", "log-uniform"]

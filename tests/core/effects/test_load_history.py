@@ -28,7 +28,7 @@ from octoplan import (
     plan,
     settle,
 )
-from octoplan.model.equilibrium.uniqueness import SPATIAL, has_unique_equilibrium
+from octoplan.model.loads import SPATIAL, has_unique_equilibrium
 from tests.core.effects.cases import Array
 from tests.core.effects.chain import Chain
 

@@ -15,12 +15,11 @@ from scipy.optimize import root
 
 from octoplan import Arm, InputError, Scene, TipPosition, plan, settle
 from octoplan.model.effects.base import Effect, EffectSet
-from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.loads import has_unique_equilibrium
 from octoplan.model.mesh import Mesh
 from octoplan.model.rod.rod_term import NodeView, RodTerm, Sizes, Values
 from octoplan.model.stations import Counts
-from octoplan.model.support.quantities import Vector
-from octoplan.model.support.value import value
+from octoplan.model.support.value import Vector, value
 from tests.core.effects.bars import Bar
 
 DIPOLE = (0.02, 0.01, -0.005)  # A m2, in the frame of the tip

@@ -5,12 +5,11 @@ from collections.abc import Iterator
 import pytest
 
 from octoplan import Contact, Friction, Scene, Sphere
-from octoplan.model.cross_section.energy import RubberSection
+from octoplan.model.cross_section.law import RubberSection
 from octoplan.model.effects import Current, PointLoad, PointMass, TipLoad, Weight
 from octoplan.model.effects.base import Effect
-from octoplan.model.rod.element import element
+from octoplan.model.rod.element import element, node
 from octoplan.model.rod.kernels import Kernel
-from octoplan.model.rod.nodes import node
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import RodStructure, TermStructure
 from octoplan.model.rod.tendons import body, tendon_in_element, tendon_jump

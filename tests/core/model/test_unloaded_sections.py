@@ -6,7 +6,7 @@ import scipy
 
 from octoplan.model.anchorage import Anchorage, Material
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Shear, Weight
 from octoplan.model.paths import Linear
