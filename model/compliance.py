@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
+from octoplan.model.equilibrium.explicit import ExplicitEquilibrium, ExplicitMap
+from octoplan.model.equilibrium.explicit_sensitivities import ExplicitSensitivities
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, Index
 from octoplan.model.equilibrium.sensitivities import Sensitivities
 from octoplan.model.forward import FINEST, ORDER, forward_maps, pair_for, refined
@@ -17,10 +19,8 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import kind
 from octoplan.model.tendons import is_taut, least_compliance
-from octoplan.model.unloaded.march_derivative import MarchDerivative
-from octoplan.model.unloaded.marched import ExplicitMap, Marched
 
-Response = Sensitivities | MarchDerivative
+Response = Sensitivities | ExplicitSensitivities
 # Expected ratio of the relative error of the compliance to that of the tip: 4 for table 2, 80 for
 # table 4 with its slender tip. A small value costs a third mesh, a large value a finer mesh.
 _ERROR_RATIO = 80.0
@@ -52,9 +52,9 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     maps = forward_maps(shape.arm, shape.scene, shape.machine_code)
     point = shape.equilibrium
     forward = maps.on(refinement, places)
-    is_same_kind = isinstance(forward, ExplicitMap) == isinstance(point, Marched)
+    is_same_kind = isinstance(forward, ExplicitMap) == isinstance(point, ExplicitEquilibrium)
     if places or refinement != shape.refinement or not is_same_kind:
-        point = forward.solve(shape.tensions, shape.known)
+        point = forward.solve(shape.tensions, shape.collocated)
     if isinstance(point, Equilibrium):
         # Derivatives at a nearby state have an error that is independent of the mesh.
         point = point.relinearised()
@@ -63,7 +63,7 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
 
 def at_node(point: AnyEquilibrium, node: int) -> Response:
     """Return the sensitivities of an equilibrium at a node of its mesh."""
-    kind = MarchDerivative if isinstance(point, Marched) else Sensitivities
+    kind = ExplicitSensitivities if isinstance(point, ExplicitEquilibrium) else Sensitivities
     return kind(point, node)  # type: ignore[arg-type]
 
 

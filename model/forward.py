@@ -1,8 +1,8 @@
 """Forward maps, from tensions to equilibria, and the mesh on which an error is small enough.
 
-The forward map of a scene is a march in closed form if each cross-section is in equilibrium by
-itself, and a collocation of the coupled equations otherwise. The difference of two meshes, with
-the order of convergence, estimates the error of the finer one.
+The forward map of a scene is explicit if each cross-section is in equilibrium by itself, and solves
+the coupled equations by collocation otherwise. The difference of two meshes, with the order of
+convergence, estimates the error of the finer one.
 """
 
 from __future__ import annotations
@@ -16,20 +16,19 @@ from typing import Any, TypeVar
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
+from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitMap
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.integrators import MAGNUS6
 from octoplan.model.loads import check_loads, convergence_order, is_loaded
+from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import within
 from octoplan.model.support.errors import ConvergenceError
 from octoplan.model.support.progress import check_time
-from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.marched import ExplicitMap
 
 T = TypeVar("T")
-ForwardMap = Collocation | ExplicitMap
+ForwardMap = CollocationMap | ExplicitMap
 
 # The order of convergence of all forward maps for smooth solutions: three Gauss points per element.
 ORDER = 2 * STAGES
@@ -73,7 +72,7 @@ def forward_map(
         if own is not None:
             return own
     if is_loaded(arm, scene):
-        return Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))
+        return CollocationMap(system(arm, scene, STAGES, refinement, at, True, machine_code))
     return ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
 
 
@@ -84,7 +83,7 @@ def collocation_map(
     at: tuple[float, ...] = (),
     machine_code: bool = False,
     moments: bool = False,
-) -> Collocation:
+) -> CollocationMap:
     """Return the forward map by collocation, in scenes without loads too.
 
     With `moments` the equations have torsion and the moment at the nodes, which they have under
@@ -92,9 +91,9 @@ def collocation_map(
     """
     if is_loaded(arm, scene):
         result = forward_map(arm, scene, refinement, at, machine_code)
-        assert isinstance(result, Collocation)
+        assert isinstance(result, CollocationMap)
         return result
-    return Collocation(system(arm, scene, STAGES, refinement, at, moments, machine_code))
+    return CollocationMap(system(arm, scene, STAGES, refinement, at, moments, machine_code))
 
 
 def explicit_map(arm: Arm, scene: Scene, refinement: int) -> ExplicitMap:

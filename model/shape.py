@@ -13,10 +13,8 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects.sections import ExactTendons, NeoHookean
-from octoplan.model.equilibrium.integration import tendon_tensions
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.equilibrium.stability import stability
 from octoplan.model.forward import collocation_map
 from octoplan.model.loads import check_responses, has_complementarity, is_loaded
 from octoplan.model.mesh import Mesh
@@ -92,7 +90,7 @@ class Shape(HtmlRepr):
         arm does not bear its loads without tension. "near": the tensions changed from the tensions
         of another shape.
         """
-        point = self.known
+        point = self.collocated
         return "loads first" if point is None else point.history
 
     @property
@@ -265,8 +263,10 @@ class Shape(HtmlRepr):
         ends = np.array([self.arm.sections[i].at for i, _ in self.arm.tendons])
         values = self.tensions * (ends >= place)
         tendons = np.flatnonzero(ends >= place)
-        point = self.known
+        point = self.collocated
         if point is not None:
+            from octoplan.model.equilibrium.integration import tendon_tensions
+
             first = np.zeros(tendons.size, dtype=int)
             values[tendons] = tendon_tensions(point.system, point.x, place, first, tendons)
         return values
@@ -284,11 +284,13 @@ class Shape(HtmlRepr):
     def stability(self) -> float:
         """The least eigenvalue of the scaled Hessian of the energy; below 0 the arm is unstable.
 
-        The value is 1 at rest without loads; see octoplan.model.equilibrium.stability. Raises
+        The value is 1 at rest without loads; see octoplan.model.equilibrium.modes. Raises
         InputError in a scene as printed, which has no energy.
         """
+        from octoplan.model.equilibrium.modes import stability
+
         check_responses(self.scene)
-        point = self.known
+        point = self.collocated
         if point is None or not point.system.layout.structure.has_moment:
             equations = collocation_map(
                 self.arm,
@@ -310,8 +312,8 @@ class Shape(HtmlRepr):
         return contact_points(self)
 
     @property
-    def known(self) -> Equilibrium | None:
-        """The equations by collocation and the solution, the initial guess for other meshes."""
+    def collocated(self) -> Equilibrium | None:
+        """The equilibrium if collocation solved it, otherwise None; the guess for other meshes."""
         return self.equilibrium if isinstance(self.equilibrium, Equilibrium) else None
 
     def _places(self, s: Any) -> Array:

@@ -17,6 +17,8 @@ from octoplan.model.compliance import (
     section_stiffness,
     sensitivities,
 )
+from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitEquilibrium, ExplicitMap
+from octoplan.model.equilibrium.explicit_sensitivities import ExplicitSensitivities
 from octoplan.model.forward import explicit_map
 from octoplan.model.loads import check_responses, is_loaded
 from octoplan.model.paths import Array
@@ -30,9 +32,6 @@ from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import limited
 from octoplan.model.support.text import HtmlRepr, columns, plotted, tendon_table
 from octoplan.model.tendons import checked_EA, is_taut
-from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.march_derivative import MarchDerivative
-from octoplan.model.unloaded.marched import ExplicitMap, Marched
 
 Hold = Literal["tension", "length"]
 # Smallest relative singular value of the lengths by the tensions that counts as determined.
@@ -304,9 +303,9 @@ def tip_jacobian(
         return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
     point = shape.equilibrium
-    assert isinstance(point, Marched)
-    if isinstance(point.march, ClosedForm):
-        return MarchDerivative(point, point.mesh.steps).pose_tension
+    assert isinstance(point, ExplicitEquilibrium)
+    if isinstance(point.forward, ClosedForm):
+        return ExplicitSensitivities(point, point.mesh.steps).pose_tension
     function = tip_jacobian_function(arm, scene, shape.refinement)
     return np.array(function(shape.tensions))
 

@@ -1,33 +1,35 @@
-"""The tendons of an arm: lengths at rest, strokes, compliance, and which tensions are a pull."""
+"""The tendons of an arm: lengths without loads, strokes, compliance, and which tendons are taut."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import cross_section_of
+from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects.sections import Extension
-from octoplan.model.integrators import MAGNUS6
+from octoplan.model.mesh import graded
 from octoplan.model.paths import SAME, Array, Mask
-from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST, SMALLEST
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import CollapsedError, InputError
 from octoplan.model.support.units import length_text
-from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.marched import Lengths, tendon_lengths
 
 if TYPE_CHECKING:
     from octoplan.model.shape import Shape
 
+# Gauss points per element of the coarsest mesh in tendon lengths. Strains are analytic between
+# nodes, so that only rounding remains, also at three times the tensions of the paper's arms.
+LENGTH_POINTS = 8
 # Smallest compliance of tendons with given lengths, over that of the arm. Regularises combinations
 # of lengths that no strain changes.
 _LEAST_COMPLIANCE = 1e-10
-# Refinement of the mesh of arms that are curved at rest: the error of lengths is rounding.
-_REST_REFINEMENT = 32
 # Largest ratio of total pull and Euler load between discs at which the shape is that of continuous
 # guides: at a ratio of 0.04 the tip differs by 0.4 % of the length at a bend of 23 degrees.
 _FEW_DISCS = 0.05
@@ -36,6 +38,62 @@ _RADIUS_SAMPLES = 33
 # Smallest shortening by a taut tendon of the straight arm, over the arm's length. Smaller tensions
 # are rounding of solvers.
 _TAUT_STROKE = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Lengths:
+    """Tendon lengths under tensions.
+
+    Attributes
+    ----------
+    at : Sections
+        The cross-sections at the points of the quadrature.
+    tensions : (n_tendons,)
+        [N].
+    strains : (N, n)
+        Strains of the cross-sections.
+    lengths : (n_tendons,)
+        [m].
+    jacobian : (n_tendons, N, n)
+        Derivatives of the lengths by the strains.
+    """
+
+    at: Sections
+    tensions: Array
+    strains: Array
+    lengths: Array
+    jacobian: Array
+
+    @classmethod
+    def under(cls, at: Sections, weights: Array, tensions: Array) -> Lengths:
+        """Return the lengths under tensions (n_tendons,), with weights (N,) of cross-sections."""
+        v = at.strains(tensions)
+        return cls(at, tensions, v, *at.lengths(v, weights))
+
+    @property
+    def crushed(self) -> CollapsedError | None:
+        """The error of the first cross-section in which a tendon has no length, if any."""
+        return self.at.crushed(self.strains)
+
+    @cached_property
+    def length_tension(self) -> Array:
+        """The derivatives of the lengths by the tensions (n_tendons, n_tendons) [m/N]."""
+        at = self.at
+        balance = at.balance(self.strains, self.tensions[at.tendon])
+        return np.tensordot(self.jacobian, at.by_tensions(balance), 2)
+
+
+@lru_cache(maxsize=48)
+def tendon_lengths(
+    arm: Arm, scene: Scene, machine_code: bool = False
+) -> Callable[[Array], Lengths]:
+    """Return the function tensions (n_tendons,) -> Lengths, by Gauss quadrature, without loads.
+
+    The function raises UnsettledSectionError.
+    """
+    law = cross_section_of(scene, arm.is_curved, twisted=False)
+    s, weights, active = graded(arm, 1).points(LENGTH_POINTS)
+    return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
 
 
 @lru_cache(maxsize=64)
@@ -62,18 +120,9 @@ def _rest_lengths(arm: Arm) -> Array:
     """Return the rest lengths (n_tendons,) as a read-only array [m]."""
     result = _at_rest(arm).lengths.copy()
     if arm.is_guided:
-        from octoplan.model.extensions.guides import guide_offsets
-    for j, s in enumerate(arm.guides):
-        if s is None:
-            continue
-        free = arm.with_continuous_guides
-        at_rest = ClosedForm(free, Scene(), MAGNUS6, _REST_REFINEMENT, s)
-        poses = at_rest.solve(np.zeros(arm.n_tendons)).poses
-        nodes = [at_rest.mesh.node(each) for each in s]
-        offsets = guide_offsets(arm, s, np.arange(len(s)), np.full(len(s), j))
-        local = np.vstack([np.zeros(len(s)), offsets]).T[:, :, None]
-        points = poses[nodes, 4:] + (matrices(poses[nodes, :4]) @ local)[:, :, 0]
-        result[j] = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        from octoplan.model.extensions.guides import rest_lengths_of_spans
+
+        result = rest_lengths_of_spans(arm, result)
     result.setflags(write=False)
     return result
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.centreline import Centreline
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.continuation import LEAST_STEP, BranchEnd, continue_branches
 from octoplan.model.equilibrium.integration import SCHEME
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.modes import stability
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.equilibrium.stability import stability
 from octoplan.model.equilibrium.verification import verify
 from octoplan.model.forward import collocation_map
 from octoplan.model.loads import has_complementarity, is_loaded
@@ -166,7 +166,7 @@ def _integrated(
     scale = np.repeat([1.0, arm.length], [4, 3])
     for mesh in sorted(meshes):
         forward = collocation_map(arm, scene, mesh, stations, shape.machine_code)
-        equilibrium = forward.solve(shape.tensions, shape.known)
+        equilibrium = forward.solve(shape.tensions, shape.collocated)
         check, error = verify(equilibrium, accuracy)
         system, poses = check.system, check.poses
         gap = np.abs(poses[-1] - shape.poses(arm.length)) / scale
@@ -187,8 +187,8 @@ def _load_factor(shape: Shape) -> float | None:
     if not is_loaded(shape.arm, shape.scene) or has_complementarity(shape.scene):
         return None
     mesh = STAGES, 1, (), True, shape.machine_code
-    coarsest = Collocation(system(shape.arm, shape.scene, *mesh))
-    begin = BranchEnd(coarsest.solve(shape.tensions, shape.known), 1 / MOST_LOADS)
+    coarsest = CollocationMap(system(shape.arm, shape.scene, *mesh))
+    begin = BranchEnd(coarsest.solve(shape.tensions, shape.collocated), 1 / MOST_LOADS)
     lines = np.append(shape.tensions, 0.0)[None], np.append(shape.tensions, MOST_LOADS)[None]
     (end,) = continue_branches([begin], lines, LEAST_STEP, first_step=1 / MOST_LOADS)
     return MOST_LOADS * end.fraction if end.why else np.inf

@@ -20,7 +20,8 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.stability import least_modes, rest_stiffness
+from octoplan.model.equilibrium.modes import least_modes
+from octoplan.model.equilibrium.stability import rest_stiffness
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import ParameterValues, Term

@@ -17,8 +17,8 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.loads import has_unique_equilibrium, is_loaded
@@ -77,7 +77,7 @@ class Problem:
         Blocks of the program, with their numbers; `extensions` are the given ones among these.
     program : Program
         Shared by all problems of the same structure.
-    forward : Collocation
+    forward : CollocationMap
         The equations of equilibrium alone, on the same mesh.
     stretch : LeastStretch
         One of the blocks.
@@ -271,11 +271,11 @@ class Problem:
         placed = zip(self.blocks, self.program.decisions, strict=True)
         return tuple(value for block, at in placed for value in block.base_joints(x[at]))
 
-    def forward_at(self, arm: Arm) -> Collocation:
+    def forward_at(self, arm: Arm) -> CollocationMap:
         """Return the equations of equilibrium of an arm whose base may be elsewhere."""
         if arm == self.arm:
             return self.forward
-        return Collocation(self.forward.system.with_base(arm))
+        return CollocationMap(self.forward.system.with_base(arm))
 
     def guess(self, controls: Array, settled: bool = False) -> Array:
         """Return the unknowns for tensions (n_tendons,) [N], followed by base joints if any.
@@ -383,9 +383,9 @@ def _without_effect(arm: Arm, upper: Array) -> Array:
 
 
 @lru_cache(maxsize=24)
-def _forward(rod: DiscreteRod) -> Collocation:
+def _forward(rod: DiscreteRod) -> CollocationMap:
     """Return the equations of equilibrium, with the equilibrium under the loads if known."""
-    return Collocation(rod)
+    return CollocationMap(rod)
 
 
 @lru_cache(maxsize=24)

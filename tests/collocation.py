@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.loads import is_loaded
 from octoplan.model.rod.discrete_rod import system
 from tests.oracles import Array
@@ -21,5 +21,5 @@ def collocated(
     """
     T = arm.flat(tensions)
     equations = system(arm, scene, stages, refinement, (), is_loaded(arm, scene))
-    point = Collocation(equations).solve(T)
+    point = CollocationMap(equations).solve(T)
     return replace(settle(arm, T, scene, 1e-2), equilibrium=point, refinement=refinement)

@@ -21,7 +21,7 @@ import numpy as np
 
 from octoplan.model.cross_section.law import join
 from octoplan.model.cross_section.sections import Sections
-from octoplan.model.integrators import RK8
+from octoplan.model.equilibrium.runge_kutta import RK8
 from octoplan.model.loads import dead_resultant
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss

@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from octoplan.model.cross_section.sections import LEAST_STRETCH, Extremes, reported
-from octoplan.model.equilibrium.integration import poses_and_strains
+from octoplan.model.equilibrium.explicit import ExplicitEquilibrium
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import CollapsedError, SingularError, UnsettledSectionError
-from octoplan.model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
 # The order in which loads and tensions acted. "near": both changed from those of another shape.
@@ -224,6 +223,9 @@ class Equilibrium:
 
         Strains are tau, xi, k, q (K, 4), and with shear also nu_n, nu_b (K, 6).
         """
+        # Nodes are sufficient to settle: only shapes that are evaluated between them integrate.
+        from octoplan.model.equilibrium.integration import poses_and_strains
+
         poses, v = poses_and_strains(self.system, self.x, s)
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
         exact = (self.mesh.s[nodes] == s)[:, None]
@@ -255,7 +257,7 @@ def linearised(
     return points, residuals
 
 
-AnyEquilibrium = Equilibrium | Marched
+AnyEquilibrium = Equilibrium | ExplicitEquilibrium
 
 
 def check_stretch(equilibrium: AnyEquilibrium) -> None:

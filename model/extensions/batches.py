@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import LEAST_STRETCH
 from octoplan.model.effects import ExactTendons
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.forward import (
     ForwardMaps,
     checked_accuracy,
@@ -140,7 +140,7 @@ def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, 
         now = np.flatnonzero(wanted == refinement)
         forward = maps.on(refinement)
         before = poses[now]
-        if isinstance(forward, Collocation):
+        if isinstance(forward, CollocationMap):
             tolerance_factor = initial_tolerance_factor(accuracy) if refinement == coarse else 1.0
             least = np.full(now.size, np.nan)
             ends = forward.many(T[now], [near[i] for i in now], tolerance_factor)

@@ -26,16 +26,21 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array
+from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.element import zero
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.rod_term import RodPlaces, RodTerm
-from octoplan.model.rotations import POSE, norm, unit_matrix
+from octoplan.model.rotations import POSE, matrices, norm, unit_matrix
 from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, stations, tendon_paths
 from octoplan.model.support.machine.functions import cached
+
+# Refinement of the mesh of arms that are curved at rest: the error of lengths is rounding.
+_REST_REFINEMENT = 32
 
 
 @dataclass(frozen=True)
@@ -182,6 +187,27 @@ def guide_offsets(arm: Arm, s: tuple[float, ...], place: Counts, tendon: Counts)
     """Return the offsets along n and b (2, P) [m] of tendons at guides s[place]."""
     at = stations(arm, np.array(s), np.full(len(s), len(arm.sections)))
     return tendon_paths(arm, at, place, tendon)[:2]
+
+
+def rest_lengths_of_spans(arm: Arm, lengths: Array) -> Array:
+    """Return tendon lengths (n_tendons,) [m] with the rest lengths of tendons with guides.
+
+    The length of a tendon with guides is the sum of its spans in the arm without tensions and
+    loads. Other lengths are those given.
+    """
+    result = lengths.copy()
+    for j, s in enumerate(arm.guides):
+        if s is None:
+            continue
+        free = arm.with_continuous_guides
+        at_rest = ClosedForm(free, Scene(), MAGNUS6, _REST_REFINEMENT, s)
+        poses = at_rest.solve(np.zeros(arm.n_tendons)).poses
+        nodes = [at_rest.mesh.node(each) for each in s]
+        offsets = guide_offsets(arm, s, np.arange(len(s)), np.full(len(s), j))
+        local = np.vstack([np.zeros(len(s)), offsets]).T[:, :, None]
+        points = poses[nodes, 4:] + (matrices(poses[nodes, :4]) @ local)[:, :, 0]
+        result[j] = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    return result
 
 
 class _Span:

@@ -20,7 +20,8 @@ from octoplan.model.cross_section.law import PaperSection, cross_section_of, res
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import Extension
 from octoplan.model.effects.base import Effect, Rules
-from octoplan.model.integrators import RK6, RungeKutta
+from octoplan.model.equilibrium.explicit import ExplicitEquilibrium, ExplicitMap
+from octoplan.model.equilibrium.runge_kutta import RK6, RungeKutta
 from octoplan.model.mesh import graded
 from octoplan.model.paths import Array
 from octoplan.model.rotations import compose, inverse, multiply, rotate
@@ -36,7 +37,7 @@ from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.value import value
-from octoplan.model.unloaded.marched import LENGTH_POINTS, ExplicitMap, Marched
+from octoplan.model.tendons import LENGTH_POINTS
 
 __all__ = ["PrintedStatics"]
 
@@ -248,7 +249,7 @@ class PrintedMap(ExplicitMap):
         rows = np.array(after).T
         return rows[:, :7], np.column_stack([rows[:, 7:], np.array(along)[1] - 1])
 
-    def tendon_lengths(self, point: Marched) -> Array:
+    def tendon_lengths(self, point: ExplicitEquilibrium) -> Array:
         """See ExplicitMap: strains are integrated along the arm."""
         law = cross_section_of(self.scene, self.arm.is_curved)
         s, weights, active = self.mesh.points(LENGTH_POINTS)

@@ -1,8 +1,10 @@
-"""Gauss collocation: tableaus, and the rotation across a part of an element.
+"""Gauss collocation: tableaus, and Magnus expansions of rotations and poses along an element.
 
 The curvature kappa(x) is the polynomial through the stages, x = (s - s_k) / h in [0, 1]. The
-rotation is the exponential of a truncated Magnus expansion. Because R' = R kappa multiplies kappa
-on the right, brackets have the opposite sign of the brackets for Y' = A Y in textbooks.
+rotation is the exponential of a truncated Magnus expansion, and so is the pose across an element
+with a twist that varies: frames remain rotations by construction. Because R' = R kappa and
+g' = g A(s) multiply on the right, brackets have the opposite sign of the brackets for Y' = A Y in
+textbooks.
 Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration" (2006), II.1.3 (Gauss methods);
 Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications", Physics Reports 470
 (2009), section 5 (sixth order from three Gauss nodes).
@@ -10,15 +12,19 @@ Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications", P
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
-from octoplan.model.integrators import Bracket, expansion, series
 from octoplan.model.paths import Array
 from octoplan.model.rod.kernels import Name
+from octoplan.model.rotations import exponential
+
+Bracket = Callable[[ca.SX, ca.SX], ca.SX]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,3 +119,100 @@ def weighted_sum(weights: Array, values: list[ca.SX]) -> ca.SX:
     for weight, value in zip(weights.tolist(), values, strict=True):
         total += weight * value
     return total
+
+
+# Magnus expansions of poses
+
+
+@dataclass(frozen=True)
+class Magnus:
+    """A Magnus expansion of order 4 or 6.
+
+    Attributes
+    ----------
+    name : str
+    order : int
+    nodes : (order / 2,)
+        Gauss-Legendre nodes on [0, 1].
+    """
+
+    name: str
+    order: int
+    nodes: tuple[float, ...]
+
+    def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
+        """Return the pose (7,) across a step of length h [m].
+
+        `twists` (6,) are (kappa, nu) per unit reference length at the nodes of the step.
+        """
+        omega = self.expansion(twists, h)
+        return exponential(omega[:3], omega[3:])
+
+    def expansion(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
+        """Return (rotation vector, displacement) (6,) whose exponential is the step."""
+        return expansion(twists, h, _bracket)
+
+
+def expansion(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
+    """Return the truncated expansion after a step, from values at 1, 2 or 3 Gauss nodes.
+
+    The values are in the Lie algebra of the bracket. The order is twice the number of nodes.
+    """
+    first = values[0]
+    last = values[-1]
+    if len(values) == 1:
+        return h * first
+    if len(values) == 2:
+        omega: ca.SX = h / 2 * (first + last) - h**2 * (np.sqrt(3) / 12) * bracket(first, last)
+        return omega
+    # Products are several times faster than quotients.
+    a = h * values[1]
+    b = h * (np.sqrt(15) / 3) * (last - first)
+    c = h * (10 / 3) * (first - 2 * values[1] + last)
+    ab = bracket(a, b)
+    inner = -20 * a - c + ab
+    outer = b - (1 / 60) * bracket(a, 2 * c + ab)
+    return a + (1 / 12) * c + (1 / 240) * bracket(inner, outer)
+
+
+def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) -> list[ca.SX]:
+    """Return the coefficients of x, x^2, .. x^order in the expansion from 0 to x of a polynomial.
+
+    `coefficients` are those of 1, x, .. in the polynomial, with x in [0, 1] over a step h. The
+    equation of the expansion, Omega' = sum_j B_j / j! ad_Omega^j A with Bernoulli's numbers B_j, is
+    solved degree by degree. The remainder has order h^(order + 1).
+    """
+    zero = 0 * coefficients[0]
+    rate = [h * coefficient for coefficient in coefficients][:order]
+    powers = [rate + [zero] * (order - len(rate))]
+    omega = [zero]
+    powers += [[] for _ in _BERNOULLI[1:]]
+    for d in range(order):
+        for lower, each in pairwise(powers):
+            # The first coefficient of Omega is that of A, and commutes with it.
+            inner = range(1, d + 1) if lower is not powers[0] or d > 1 else range(0)
+            each.append(sum((bracket(omega[i], lower[d - i]) for i in inner), zero))
+        terms = (b * each[d] for b, each in zip(_BERNOULLI, powers, strict=True) if b)
+        omega.append(sum(terms, zero) / (d + 1))
+    return omega[1:]
+
+
+def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Return the Lie bracket of se(3) with the sign of local twists."""
+    turn = ca.cross(b[:3], a[:3])
+    shift = ca.cross(b[:3], a[3:]) - ca.cross(a[:3], b[3:])
+    return ca.vertcat(turn, shift)
+
+
+# Bernoulli's numbers B_j / j!, for orders up to eight.
+_BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
+
+
+def _scheme(order: int) -> Magnus:
+    """Return the Magnus expansion of an order with Gauss-Legendre nodes."""
+    nodes = (np.polynomial.legendre.leggauss(order // 2)[0] + 1) / 2
+    return Magnus(f"magnus{order}", order, tuple(nodes.tolist()))
+
+
+MAGNUS4 = _scheme(4)
+MAGNUS6 = _scheme(6)

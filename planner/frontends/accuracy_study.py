@@ -329,6 +329,6 @@ def verified_tip(shape: Shape, accuracy: float) -> tuple[Array, str]:
     if shape.scene.has(PrintedStatics):
         return shape.tip, shape.scheme
     forward = collocation_map(shape.arm, shape.scene, shape.refinement)
-    point = forward.solve(shape.tensions, shape.known)
+    point = forward.solve(shape.tensions, shape.collocated)
     check, _ = verify(point, _VERIFIED * accuracy)
     return check.poses[-1, 4:].copy(), "collocation and initial value integration"

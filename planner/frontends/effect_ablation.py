@@ -11,7 +11,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Shear, Weight
 from octoplan.model.effects.base import Effect
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, forward_map
 from octoplan.model.scene import Scene
@@ -54,7 +54,7 @@ class ProblemSize:
 def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
     """Return the sizes of the forward map of a scene on the coarsest mesh."""
     forward = forward_map(arm, scene, 1)
-    if not isinstance(forward, Collocation):
+    if not isinstance(forward, CollocationMap):
         function = forward.function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return ProblemSize(carried, 0, 0, function.expand().n_instructions())

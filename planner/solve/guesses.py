@@ -19,11 +19,11 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects.sections import Extension
-from octoplan.model.integrators import MAGNUS4
+from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import MAGNUS4
 from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
-from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, natural_tensions
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem

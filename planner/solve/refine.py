@@ -144,7 +144,7 @@ def on_mesh(optimum: NlpSolution, problem: Problem, shape: Shape) -> NlpSolution
     The optimum has the defect of the shape. Raise the errors of `settle`.
     """
     T = shape.tensions
-    x = problem.complete(T, problem.forward_at(shape.arm).solve(T, shape.known).states)
+    x = problem.complete(T, problem.forward_at(shape.arm).solve(T, shape.collocated).states)
     return replace(optimum, problem=problem, x=x, defect=defect(problem, x, shape))
 
 

@@ -20,8 +20,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.paths import Array
@@ -88,7 +88,7 @@ def descend(problem: Problem, start: Equilibrium, defect: Array | None = None) -
 
 
 def descend_from_guess(
-    problem: Problem, forward: Collocation, tensions: Array, defect: Array | None = None
+    problem: Problem, forward: CollocationMap, tensions: Array, defect: Array | None = None
 ) -> NlpSolution | None:
     """Return the optimum of a descent from the last stable shape on the way to tensions [N].
 

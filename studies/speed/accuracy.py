@@ -34,14 +34,14 @@ from matplotlib.figure import Figure
 
 from octoplan.model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
+from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.forward import REFINEMENTS, ForwardMap
-from octoplan.model.integrators import MAGNUS4, MAGNUS6
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import MAGNUS4, MAGNUS6
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.stiffness import jacobian_function
-from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 from studies import draws
@@ -186,7 +186,7 @@ def forward_map(name: str, scene: Scene, mesh: int) -> ForwardMap:
     """Return the forward map of an integrator, given by name."""
     if name in CLOSED_FORMS:
         return ClosedForm(ARM, scene, CLOSED_FORMS[name], mesh)
-    return Collocation(system(ARM, scene, STAGES[name], mesh, (), is_loaded(ARM, scene)))
+    return CollocationMap(system(ARM, scene, STAGES[name], mesh, (), is_loaded(ARM, scene)))
 
 
 def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tuple[float, ...]]]:

@@ -23,8 +23,8 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.effects.base import Effect
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.forward import ForwardMaps, forward_maps
@@ -245,15 +245,15 @@ def test_an_unforeseen_error_is_that_of_its_set(scene: Scene) -> None:
 def test_a_slow_set_does_not_hold_up_the_others() -> None:
     slow = 1.3
     with pytest.MonkeyPatch.context() as patch:
-        many_of = Collocation.many
+        many_of = CollocationMap.many
 
-        def many(self: Collocation, tensions: Array, *more: Any) -> Any:
+        def many(self: CollocationMap, tensions: Array, *more: Any) -> Any:
             while (tensions[:, 0] == slow).any():
                 time.sleep(0.01)
                 check_time()
             return many_of(self, tensions, *more)
 
-        patch.setattr(Collocation, "many", many)
+        patch.setattr(CollocationMap, "many", many)
         T = np.outer(np.linspace(0.1, 0.2, 40), JUMPING)
         T[17, 0] = slow
         found = settle_many(ARM, T, Scene(Extension(), Weight()), errors="nan", time_limit=1.0)

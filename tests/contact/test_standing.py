@@ -108,7 +108,7 @@ def test_stability_of_an_arm_that_leans_is_the_same_by_the_whole_matrix(
         raise ArpackNoConvergence("", np.zeros(0), np.zeros(0))
 
     wanted = settle(ARM, factor * T, SCENE).stability
-    monkeypatch.setattr("octoplan.model.equilibrium.stability.eigs", no_convergence)
+    monkeypatch.setattr("octoplan.model.equilibrium.modes.eigs", no_convergence)
     shape = settle(ARM, factor * T, SCENE)
     assert shape.contacts
     assert shape.stability == pytest.approx(wanted, rel=1e-6)

@@ -9,7 +9,7 @@ from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, sett
 from octoplan.model.compliance import length_response
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
 from octoplan.model.stiffness import stiffness
-from octoplan.model.unloaded.marched import tendon_lengths
+from octoplan.model.tendons import tendon_lengths
 from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary
 
 ARM = Arm.from_paper("table-2")

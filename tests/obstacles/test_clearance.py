@@ -9,7 +9,7 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.arm import conical
 from octoplan.model.centreline import Centreline
 from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.clearance import clearance
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearances
@@ -48,7 +48,7 @@ def _pulls(rng: np.random.Generator) -> Array:
 
 
 def _line(scene: Scene, T: Array) -> Centreline:
-    forward = Collocation(system(ARM, scene, STAGES, 3))
+    forward = CollocationMap(system(ARM, scene, STAGES, 3))
     return Centreline.at_states(forward.system, forward.solve(T).states)
 
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.effects import bodies_of, contacts, without_friction
 from octoplan.model.extensions.contact.gaps import check_outside
@@ -30,7 +30,7 @@ from octoplan.model.support.progress import PATIENCE
 _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
 
 
-class TouchingMap(Collocation):
+class TouchingMap(CollocationMap):
     """The equations of an arm that may touch obstacles, on a mesh that moves with the contacts."""
 
     patience = PATIENCE

@@ -18,10 +18,11 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
+from octoplan.model.equilibrium.collocation_map import transfer_strains
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import transfer_strains
+from octoplan.model.equilibrium.modes import unstable_mode
 from octoplan.model.equilibrium.newton import Start, newton
-from octoplan.model.equilibrium.stability import is_stable, unstable_mode
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.contact.effects import bodies_of, without_friction
 from octoplan.model.extensions.contact.gaps import gaps_along, least_gaps
 from octoplan.model.extensions.contact.sharp import Request, close, sharpened

@@ -266,7 +266,7 @@ def slips(shape: Shape, pairs: Sequence[Pair]) -> bool:
     line keeps its direction.
     """
     for pair in pairs:
-        gap, point = Gap.at(shape, pair.s), shape.known
+        gap, point = Gap.at(shape, pair.s), shape.collocated
         assert point is not None
         t, other = gap.along / np.linalg.norm(gap.along, axis=1)[:, None]
         if np.linalg.norm(np.cross(t, other)) > _CROSSING and pair.s[1] < shape.arm.length:

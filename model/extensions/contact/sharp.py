@@ -15,8 +15,8 @@ import numpy as np
 
 from octoplan.model.centreline import stretch_beside
 from octoplan.model.effects import NeoHookean, Shear
+from octoplan.model.equilibrium.collocation_map import predict_states, transfer_strains
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import predict_states, transfer_strains
 from octoplan.model.equilibrium.newton import (
     MAX_BRANCH_ROTATION,
     MAX_STEPS_IN_CONTACT,

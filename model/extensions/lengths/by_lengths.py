@@ -21,8 +21,8 @@ from typing import TypeVar
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.collocation_map import CollocationMap, transfer_strains
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation, transfer_strains
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, STAGES, Start, newton
 from octoplan.model.extensions.lengths.least_energy import ROUNDS, LeastEnergy
 from octoplan.model.extensions.lengths.shortest import SHORT, no_shape, refuse
@@ -38,7 +38,7 @@ from octoplan.model.support.errors import (
     UnsettledSectionError,
 )
 from octoplan.model.support.progress import check_time
-from octoplan.model.unloaded.marched import Lengths, tendon_lengths
+from octoplan.model.tendons import Lengths, tendon_lengths
 
 # Number of stages of the elements for the minimum of the energy.
 _STAGES = 2
@@ -175,7 +175,7 @@ class GivenLengths:
         """
         if not is_loaded(self.maps.arm, self.maps.scene):
             return forward.solve(self._unloaded_tensions)
-        assert isinstance(forward, Collocation)
+        assert isinstance(forward, CollocationMap)
         begins = self._initial_equilibria(forward, near)
         result = continue_to_lengths(begins, self.winches, forward.solve_from, self.maps.arm, SAME)
         if result is None:
@@ -186,11 +186,11 @@ class GivenLengths:
         """Return an accepted equilibrium with tensions refined to rounding if possible."""
         if not (isinstance(end, Equilibrium) and is_loaded(self.maps.arm, self.maps.scene)):
             return end
-        assert isinstance(forward, Collocation)
+        assert isinstance(forward, CollocationMap)
         return solve_lengths(end, self.winches, forward.solve_from, self.maps.arm) or end
 
     def _initial_equilibria(
-        self, forward: Collocation, near: AnyEquilibrium | None
+        self, forward: CollocationMap, near: AnyEquilibrium | None
     ) -> Iterator[Equilibrium | None]:
         """Yield initial equilibria, in the order of trial.
 

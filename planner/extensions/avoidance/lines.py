@@ -13,21 +13,21 @@ from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline, Counts
 from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
+from octoplan.model.equilibrium.collocation_map import CollocationMap
+from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.clearance.pieces import DeviationBound
 from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.integrators import MAGNUS6
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import SMALLEST
 from octoplan.model.support.errors import Described, InputError, OctoplanError
-from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.marched import tendon_lengths
+from octoplan.model.tendons import tendon_lengths
 from octoplan.planner.extensions.avoidance.strain_bounds import estimated, proven
 
 # Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
@@ -51,7 +51,7 @@ class Lines:
         self.arm, self.scene, self.loaded = arm, scene, is_loaded(arm, scene)
         self._machine_code = machine_code
         self._forward: Any = (
-            Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))
+            CollocationMap(system(arm, scene, STAGES, refinement, at, True, machine_code))
             if self.loaded
             else ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
         )
@@ -94,7 +94,9 @@ class Lines:
         """
         return self._near(self._forward, tensions, tensions)
 
-    def _near(self, forward: Collocation, tensions: Array, controls: Array) -> Equilibrium | None:
+    def _near(
+        self, forward: CollocationMap, tensions: Array, controls: Array
+    ) -> Equilibrium | None:
         """Return the equilibrium of a forward map, from the known ones with the nearest controls.
 
         Controls are the tensions, and further numbers if the map has any.

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from octoplan.model.centreline import Centreline
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.planner.extensions.avoidance.lines import Lines
@@ -58,5 +58,5 @@ class MovingLines(Lines):
         """Return the equilibrium under tensions and joint values (n_tendons + 2,), or None."""
         T, joints = self._split(tensions)
         arm = self._placement.at(joints).arm
-        forward = Collocation(self._forward.system.with_base(arm))
+        forward = CollocationMap(self._forward.system.with_base(arm))
         return self._near(forward, T, np.append(T, joints))

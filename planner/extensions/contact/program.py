@@ -24,7 +24,8 @@ import clarabel
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
-from octoplan.model.equilibrium.stability import is_stable, stability, stability_slope
+from octoplan.model.equilibrium.modes import stability, stability_slope
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.term import contact_places

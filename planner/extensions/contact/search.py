@@ -223,7 +223,7 @@ class ContactSearch:
                 begun = time.monotonic()
                 shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
                 per_step = (time.monotonic() - begun) / (len(way) + 1)
-                there = fine.settled(T, shape.known)
+                there = fine.settled(T, shape.collocated)
                 if close(there, end.point, _SAME):
                     refined = self._on_finer_mesh(fine, optimum(fine, there))
                     if bool(refined.violation) == bool(end.violation):
@@ -355,7 +355,7 @@ def optimality_of(
         bound = task.options.stability_bound * task.options.modes
         program = TensionProgram(task, task.options.refinement, bound, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
-        on_mesh = program.begin or program.map.solve(tensions, shape.known)
+        on_mesh = program.begin or program.map.solve(tensions, shape.collocated)
         begin = program.begin or program.settled(tensions, on_mesh)
         at = program.at(tensions / program.unit, begin)
         return first_order(program, at)

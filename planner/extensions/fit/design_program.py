@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.scene import Scene
@@ -164,7 +164,7 @@ class DesignProgram:
         parts = list[Array]()
         parameters = self.equation_parameters(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
-            states = Collocation(self.system(i, arm, scene)).solve(T).states
+            states = CollocationMap(self.system(i, arm, scene)).solve(T).states
             parts.append(problem.complete(T, states, parameters[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from octoplan.model import InputError, OctoplanError, settle
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.lengths.by_lengths import solve_lengths
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
@@ -211,7 +211,7 @@ class SessionEquations:
         crushed or jump under tensions that the arm bears.
         """
         shape = self.experiment.shapes[i]
-        mesh = Collocation(self.system)
+        mesh = CollocationMap(self.system)
         if not shape.by_length:
             with suppress(OctoplanError):
                 result = mesh.solve(self.drive(shape).tensions, tolerance_factor=LOOSER)
@@ -253,7 +253,7 @@ class SessionEquations:
             return reached
         winches = self.drive(shape).winches
         result = solve_lengths(
-            reached, winches, Collocation(self.system).solve_from, self.system.arm
+            reached, winches, CollocationMap(self.system).solve_from, self.system.arm
         )
         return result or OctoplanError("no shape near its lengths is found")
 

@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model import OctoplanError
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
-from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, Start, newton
 from octoplan.model.equilibrium.sensitivities import ParameterSensitivities, along
 from octoplan.model.paths import Array
@@ -221,7 +221,7 @@ class Evaluation:
             layout = before.system.layout
             near = None
             if equations.system.layout is not layout:
-                states = Collocation(equations.system).transfer_states(T[None], [before])[0]
+                states = CollocationMap(equations.system).transfer_states(T[None], [before])[0]
             elif np.abs(states - before.states)[layout.nodes[:, :4]].max() < CHORD_RADIUS:
                 near = before
             (end,) = newton(equations.system, [Start(T, 1.0, states, near, LOOSER)])

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.collocation_map import CollocationMap, predict_states
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation, predict_states
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, STAGES, Start, newton, step_sizes
 from octoplan.model.equilibrium.sensitivities import ParameterSensitivities
 from octoplan.model.paths import Array
@@ -81,7 +81,7 @@ class LoadedArm:
 
     def without_wrench(self, settled: AnyEquilibrium) -> LoadedShape:
         """Return the shape without the wrench, from the same equilibrium on any mesh."""
-        point = Collocation(self._equations).solve(self.tensions, settled)
+        point = CollocationMap(self._equations).solve(self.tensions, settled)
         return LoadedShape(point, np.zeros(6), self._by_wrench)
 
     def near(self, shape: LoadedShape, wrench: Array) -> LoadedShape | None:
@@ -105,7 +105,7 @@ class LoadedArm:
             origin = before if size < CHORD_RADIUS else None
         else:
             predicted = Equilibrium(before.system, before.system.x(self.tensions, _FULL, states))
-            states = Collocation(equations).transfer_states(self.tensions[None], [predicted])[0]
+            states = CollocationMap(equations).transfer_states(self.tensions[None], [predicted])[0]
         (point,) = newton(equations, [Start(self.tensions, _FULL, states, origin)])
         return None if point is None else LoadedShape(point, wrench, self._by_wrench)
 

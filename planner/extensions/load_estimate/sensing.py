@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.stability import is_stable, stability
+from octoplan.model.equilibrium.modes import stability
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.forward import (
     COARSE,
     FINEST,

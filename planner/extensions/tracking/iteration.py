@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.modes import stability_slope
 from octoplan.model.equilibrium.newton import Start, newton, step_sizes
-from octoplan.model.equilibrium.stability import is_stable, stability_slope
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.forward import forward_maps
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
@@ -129,10 +130,10 @@ class Iteration:
     def first(self, shape: Shape) -> Iterate:
         """Return the iterate at a settled shape; raise the errors of `settle`."""
         problem = self.problem
-        states = problem.forward.solve(shape.tensions, shape.known).states
+        states = problem.forward.solve(shape.tensions, shape.collocated).states
         x = problem.complete(shape.tensions, states)
         multipliers = np.zeros(problem.program.row_kinds.size)
-        return self._at(x, multipliers, shape, shape.known)
+        return self._at(x, multipliers, shape, shape.collocated)
 
     def next(
         self, at: Iterate, numbers: Array, box: tuple[Array, Array], limits: LinearRows
@@ -201,12 +202,12 @@ class Iteration:
 
     def is_stable(self, shape: Shape, margin: float) -> bool:
         """Return whether a shape is stable with a margin; shapes without loads are stable."""
-        point = shape.known
+        point = shape.collocated
         return not self._is_loaded or point is None or is_stable(point, margin)
 
     def stability_row(self, shape: Shape) -> StabilityRow | None:
         """Return the linearised stability of a shape; None if the equations are singular."""
-        point = shape.known
+        point = shape.collocated
         if point is None:
             return None
         with suppress(OctoplanError, np.linalg.LinAlgError):
@@ -266,7 +267,7 @@ class Iteration:
         """
         with suppress(OctoplanError, np.linalg.LinAlgError):
             forward = self._forward
-            if not isinstance(forward, Collocation):
+            if not isinstance(forward, CollocationMap):
                 return self._shape(forward.solve(tensions), at), None
             point, tangent = _equilibrium(forward, tensions, at)
             if point is not None:
@@ -281,14 +282,14 @@ class Iteration:
 
 
 def _equilibrium(
-    forward: Collocation, tensions: Array, at: Iterate
+    forward: CollocationMap, tensions: Array, at: Iterate
 ) -> tuple[Equilibrium | None, Equilibrium | None]:
     """Return the equilibrium under tensions on the branch of an iterate, and the next tangent.
 
     Newton's method starts with the factors of the tangent. The tangent is replaced if the error of
     its prediction exceeds a share of the change.
     """
-    before = at.shape.known
+    before = at.shape.collocated
     tangent = at.tangent
     assert before is not None and tangent is not None
     load = float(before.x[before.system.layout.n_tendons])

@@ -27,11 +27,11 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import size
 from octoplan.model.cross_section.statics import ClosedStatics
-from octoplan.model.integrators import Magnus
+from octoplan.model.equilibrium.explicit_sensitivities import adjoint_function, step_jacobian
 from octoplan.model.paths import Array, Linear
+from octoplan.model.rod.collocation import Magnus
 from octoplan.model.rotations import compose, exponential, inverse
 from octoplan.model.stations import stations
-from octoplan.model.unloaded.march_derivative import adjoint_function, step_jacobian
 
 # Coefficients of a quadratic polynomial.
 TERMS = 3

@@ -14,6 +14,7 @@ import numpy as np
 
 from octoplan.model.cross_section.statics import ClosedStatics, EnergyStatics, closed_statics
 from octoplan.model.effects import ExactTendons
+from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.forward import explicit_map
 from octoplan.model.paths import Array
 from octoplan.model.rotations import compose
@@ -21,7 +22,6 @@ from octoplan.model.shape import Shape
 from octoplan.model.stations import base_pose, stations
 from octoplan.model.stiffness import tip_jacobian_function
 from octoplan.model.support.errors import InputError
-from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner.frontends.c_code.derivatives import (
     TERMS,
     PullPolynomials,

@@ -19,10 +19,11 @@ from scipy.optimize import lsq_linear
 
 from octoplan.model.arm import Arm
 from octoplan.model.compliance import at_node
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.modes import stability_slope
 from octoplan.model.equilibrium.newton import Start, newton
-from octoplan.model.equilibrium.stability import is_stable, stability_slope
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.obstacles.base import Obstacle, distances_from
 from octoplan.model.forward import collocation_map
 from octoplan.model.loads import has_complementarity, is_loaded
@@ -214,14 +215,14 @@ class Follower:
         point = _under_loads(shape)
         try:
             if point is not None:
-                return self._near(Collocation(point.system), point, tensions)
+                return self._near(CollocationMap(point.system), point, tensions)
             code = self._machine_code
             with limited(_LONG):
                 return settle(shape.arm, tensions, shape.scene, ACCURACY, compile=code, near=shape)
         except OctoplanError:
             return None
 
-    def _near(self, forward: Collocation, now: Equilibrium, tensions: Array) -> Shape | None:
+    def _near(self, forward: CollocationMap, now: Equilibrium, tensions: Array) -> Shape | None:
         """Return the shape on a mesh near the equilibrium `now`; None if no stable one is found."""
         guess = forward.transfer_states(tensions[None], [now])[0]
         shape = self.shape
@@ -284,7 +285,7 @@ def _under_loads(shape: Shape) -> Equilibrium | None:
     Shapes in contact need meshes that depend on the contact.
     """
     is_fixed = is_loaded(shape.arm, shape.scene) and not has_complementarity(shape.scene)
-    return shape.known if is_fixed else None
+    return shape.collocated if is_fixed else None
 
 
 def _stability(shape: Shape) -> tuple[float, Array]:

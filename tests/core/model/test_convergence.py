@@ -10,13 +10,13 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
+from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitEquilibrium
+from octoplan.model.equilibrium.runge_kutta import RK6, RK8, RungeKutta
 from octoplan.model.extensions.printed import PrintedMap
 from octoplan.model.forward import ForwardMap
-from octoplan.model.integrators import MAGNUS4, MAGNUS6, RK6, RK8, Magnus, RungeKutta
+from octoplan.model.rod.collocation import MAGNUS4, MAGNUS6, Magnus
 from octoplan.model.rod.discrete_rod import system
-from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.marched import Marched
 from tests.collocation import collocated
 from tests.core.effects.cases import RODS, fem_arm, fem_cases, name_of
 from tests.oracles import Array
@@ -40,7 +40,7 @@ def closed_form(scheme: Magnus) -> Build:
 
 
 def collocation(stages: int) -> Build:
-    return lambda arm, scene, refinement: Collocation(
+    return lambda arm, scene, refinement: CollocationMap(
         system(arm, scene, stages, refinement, (), False)
     )
 
@@ -86,7 +86,7 @@ def meshes(arm: str, name: str) -> tuple[int, ...]:
 
 def node_states(arm: str, key: str, build: Build, refinement: int) -> Array:
     found = build(Arm.from_paper(arm), SCENES[key], refinement).solve(TENSIONS[arm])
-    if not isinstance(found, Marched) or key != "as_printed":
+    if not isinstance(found, ExplicitEquilibrium) or key != "as_printed":
         return found.poses
     # Strains on the base side of the nodes, from the tip on, and last at the base.
     rows = found.strains[[-1, *range(found.mesh.steps)[::-1]], :3]

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from octoplan.model.integrators import MAGNUS4, MAGNUS6, Magnus
+from octoplan.model.rod.collocation import MAGNUS4, MAGNUS6, Magnus
 from octoplan.model.rotations import (
     compose,
     exponential,

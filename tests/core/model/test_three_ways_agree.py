@@ -1,4 +1,4 @@
-"""Collocation, the closed form and initial value integration on the arms of the paper."""
+"""CollocationMap, the closed form and initial value integration on the arms of the paper."""
 
 from __future__ import annotations
 

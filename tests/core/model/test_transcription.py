@@ -18,7 +18,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.effects.base import Effect
-from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.verification import verify
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
@@ -44,7 +44,7 @@ EVERYTHING = Scene(*Scene.silicone().effects, *WATER, *STREAM, Shear(), Friction
 @pytest.mark.parametrize("name", ["paper in water", "silicone in water", "stream", "point load"])
 def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, stages: int) -> None:
     def tip(stages: int, refinement: int) -> Array:
-        return Collocation(system(ARM, SCENES[name], stages, refinement)).solve(PULLS).poses[-1]
+        return CollocationMap(system(ARM, SCENES[name], stages, refinement)).solve(PULLS).poses[-1]
 
     best = tip(3, 32)
     gaps = np.array([tip(stages, refinement) - best for refinement in (2, 4, 8)])
@@ -98,7 +98,7 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     scene, given = SCENES.get(name, Scene()), Arm.from_paper(arm)
     pulls = {"table-4": PULLS, "section-5.2": np.array([0.3, 0.2, 0.0, 0.1])}[arm]
     # A coarse mesh, with an error of some millionths of the length.
-    here = Collocation(system(given, scene, 2, 2)).solve(pulls)
+    here = CollocationMap(system(given, scene, 2, 2)).solve(pulls)
     corrected, error = verify(here, 1e-8)
     wanted = settle(given, pulls, scene, 1e-10).tip
     coarse, fine = (at.system.poses(at.states)[-1, 4:] for at in (here, corrected))
@@ -114,7 +114,7 @@ def test_an_arm_that_is_all_but_crushed_is_integrated() -> None:
     """Strains change faster along the arm than any polynomial through the stages of an element."""
     arm, scene = Arm.from_paper("table-4"), Scene(Extension(), ExactTendons())
     T = np.array([0.306, 0.335, 0.66, 0.343, 0.015, 4.82, 5.377, 0.075, 2.965, 0, 0, 2.958])
-    collocation = Collocation(system(arm, scene, 3, 16, (), False))
+    collocation = CollocationMap(system(arm, scene, 3, 16, (), False))
     here = collocation.solve(T)
     corrected, error = verify(here, 1e-6)
     assert error <= 1e-6

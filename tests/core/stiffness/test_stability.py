@@ -13,12 +13,8 @@ from octoplan.model import Anchorage, Arm, Linear, Scene, SnapError, settle
 from octoplan.model.effects import Buoyancy, Current, Extension, PointLoad, TipLoad, Weight
 from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.stability import (
-    is_stable,
-    rest_stiffness,
-    stability,
-    stability_slope,
-)
+from octoplan.model.equilibrium.modes import stability, stability_slope
+from octoplan.model.equilibrium.stability import is_stable, rest_stiffness
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.rod.discrete_rod import system
@@ -76,8 +72,8 @@ def test_the_slope_of_stability_is_that_of_differences(effects: tuple[Effect, ..
     arm, scene, step = Arm.from_paper("table-4"), Scene(*effects), 1e-4
     T = np.array([0.1, 0.2, 0.01, 0.05, 0.1, 0.02, 0.3, 1.0, 0.02, 0.01, 0.5, 0.9])
     shape = settle(arm, T, scene, 1e-3)
-    assert shape.known is not None
-    value, slope = stability_slope(shape.known)
+    assert shape.collocated is not None
+    value, slope = stability_slope(shape.collocated)
     assert value == pytest.approx(shape.stability, rel=1e-9)
     differences = [
         settle(arm, T + step * e, scene, 1e-3, near=shape).stability
@@ -101,7 +97,7 @@ def test_a_stability_beside_a_cluster_of_others_takes_no_eigenvalues_of_the_whol
     arm, scene = Arm.from_paper("table-4"), Scene.silicone(Current((0.0, 0.05, 0.0)))
     T = [0, 0.05, 0, 0.1, 0, 0, 0.3, 1.0, 0, 0, 0.5, 0.9]
     whole = settle(arm, T, scene, 1e-7).stability
-    monkeypatch.setattr("octoplan.model.equilibrium.stability.eigs", counted)
+    monkeypatch.setattr("octoplan.model.equilibrium.modes.eigs", counted)
     assert settle(arm, T, scene, 1e-7).stability == pytest.approx(whole, rel=1e-6)
     assert len(tries) == 1
 
@@ -112,7 +108,7 @@ def test_the_least_real_part_of_complex_eigenvalues_is_found() -> None:
     load = TipLoad((-0.02, 0.005, 0.01), follower=True)
     scene = Scene.silicone(Weight(), Buoyancy(), load)
     T = np.random.default_rng([9, 2]).uniform(size=12) * np.repeat([0.3, 2.5, 7.5], 4)
-    point = settle(arm, T * (np.arange(12) % 3 == 0), scene, 1e-3).known
+    point = settle(arm, T * (np.arange(12) % 3 == 0), scene, 1e-3).collocated
     assert point is not None
     of, (_, stiff) = point.system.layout, rest_stiffness(point.system)
     places, right = np.ravel(of.stages), np.zeros((of.n_states, stiff.size))
@@ -211,7 +207,7 @@ def test_stability_under_followers_is_the_least_real_part_of_differences(
     follower = TipLoad((0.01, 0.02, -0.01), (0.0, 1e-4, 0.0), follower=True)
     scene = with_effects(STATICS[statics], follower, PointLoad(0.2, (0.0, 0.02, 0.0)))
     shape = settle(Arm.from_paper("table-4"), T, scene, 1e-4)
-    here = shape.known
+    here = shape.collocated
     assert here is not None
     of, steps = here.system.layout, 1e-7 * np.eye(here.x.size)[here.system.layout.n_before_states :]
     residual = here.system.residual

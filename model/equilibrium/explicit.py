@@ -1,17 +1,21 @@
-"""The closed form: strains from tensions, then poses by Magnus steps from the base.
+"""Explicit forward maps, of arms with independent cross-sections, and their equilibria.
 
-Data flow: tensions -> resultants of the tendons at the nodes of the steps -> strains -> poses at
-the nodes of the mesh, step by step from the base. With the paper's balance, whose strains are
-explicit, a step takes the resultants. Otherwise Newton's method solves for the strains, and a step
-takes the strains. Steps of length 0 at both ends of each segment report the strains there.
+The strains of each cross-section follow from the tensions, and the poses from the strains. In the
+closed form, tensions give the resultants of the tendons at the nodes of the steps, then strains,
+then poses at the nodes of the mesh, step by step from the base. With the paper's balance, whose
+strains are explicit, a step takes the resultants. Otherwise Newton's method solves for the strains,
+and a step takes the strains. Steps of length 0 at both ends of each segment report the strains
+there.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,11 +23,11 @@ import numpy as np
 from octoplan.model.anchorage import Anchorage, RestCurvature
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import cross_section_of, size
-from octoplan.model.cross_section.sections import Sections, reported, solve_sections
+from octoplan.model.cross_section.sections import Extremes, Sections, reported, solve_sections
 from octoplan.model.cross_section.statics import ClosedStatics, closed_statics
-from octoplan.model.integrators import Magnus
 from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array, Linear, Path
+from octoplan.model.rod.collocation import Magnus
 from octoplan.model.rotations import compose
 from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, Stations, base_pose, stations
@@ -35,7 +39,10 @@ from octoplan.model.support.machine.functions import (
     VectorInterpreter,
     cached,
 )
-from octoplan.model.unloaded.marched import ExplicitMap
+from octoplan.model.tendons import Lengths, tendon_lengths
+
+if TYPE_CHECKING:
+    from octoplan.model.equilibrium.runge_kutta import RungeKutta
 
 # Number of arms per batch with interpreted and with compiled code, whose data fit into the cache.
 _BATCH = (2048, 256)
@@ -44,6 +51,144 @@ _MESH_WEIGHTS = (1.5, 0.75)
 # Largest number of steps that CasADi expands to a single list of operations, which is then faster
 # than repeated calls of a function.
 _MAX_EXPANDED = 64
+
+
+class ExplicitMap(ABC):
+    """The forward map of an arm with independent cross-sections on a mesh.
+
+    Attributes
+    ----------
+    scheme : Magnus or RungeKutta
+        The integrator of the poses, or of poses and strains.
+    refinement : int
+        The refinement of the mesh.
+    stretch_at : (K,)
+        Arc lengths at which strains are reported [m].
+    radius : (K,)
+        Radius of the body there [m].
+    """
+
+    # Error of the tip by rounding, over the arm's length.
+    rounding: ClassVar[float] = 1e-14
+    # Processor time that the equilibrium on a mesh may take [s].
+    patience: ClassVar[float] = math.inf
+    # Whether a cross-section without an equilibrium has none on a finer mesh either.
+    sections_are_exact: ClassVar[bool] = True
+
+    arm: Arm
+    scene: Scene
+    scheme: Magnus | RungeKutta
+    refinement: int
+    machine_code: bool
+    mesh: Mesh
+    stretch_at: Array
+    radius: Array
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        arguments = self.arm, self.scene, self.scheme, self.refinement, (), self.machine_code
+        return cached, (type(self), *arguments)
+
+    @property
+    @abstractmethod
+    def function(self) -> ca.Function:
+        """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q at `stretch_at` (1, K), for CasADi."""
+
+    @abstractmethod
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """Return poses (S + 1, 7) at the nodes, and tau, xi, k, q (K, 4) at `stretch_at`."""
+
+    @abstractmethod
+    def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
+        """Return poses (N, 7) and strains (N, 4) at s (N,) [m], from the results of `run`."""
+
+    def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Return poses (M, nodes, 7) under tensions (M, n_tendons), and the least 1 + q (M,).
+
+        The default of `nodes` is the last node.
+        """
+        nodes = [-1] if nodes is None else nodes
+        values = [self.run(T) for T in tensions]
+        poses = np.array([rows[nodes] for rows, _ in values]).reshape(-1, len(nodes), 7)
+        return poses, np.array([1 + strains[:, 3].min() for _, strains in values])
+
+    def solve(
+        self, tensions: Array, near: object = None, tolerance_factor: float = 1.0
+    ) -> ExplicitEquilibrium:
+        """Return the equilibrium under tensions (n_tendons,); other arguments have no effect."""
+        return ExplicitEquilibrium(self, tensions, *self.run(tensions))
+
+    def tendon_lengths(self, point: ExplicitEquilibrium) -> Array:
+        """Return the lengths of the tendons (n_tendons,) in an equilibrium of this map [m]."""
+        return point.tendons.lengths
+
+
+@dataclass(frozen=True, eq=False)
+class ExplicitEquilibrium:
+    """An equilibrium of an arm with independent cross-sections.
+
+    The interface is that of octoplan.model.equilibrium.linearised.Equilibrium.
+
+    Attributes
+    ----------
+    forward : ExplicitMap
+    tensions : (n_tendons,)
+        [N].
+    poses : (N + 1, 7)
+        Quaternions and positions [m] at the nodes.
+    strains : (K, 4)
+        tau, xi, k, q at the `stretch_at` of the map.
+    """
+
+    # See Equilibrium.
+    snaps: ClassVar[tuple[float, ...]] = ()
+    # See Equilibrium: not searched without loads.
+    jump: ClassVar[float | None] = None
+
+    forward: ExplicitMap
+    tensions: Array
+    poses: Array
+    strains: Array
+
+    @property
+    def mesh(self) -> Mesh:
+        """See Equilibrium."""
+        return self.forward.mesh
+
+    @property
+    def scheme(self) -> str:
+        """See Equilibrium."""
+        return self.forward.scheme.name
+
+    @cached_property
+    def extremes(self) -> Extremes:
+        """See Equilibrium."""
+        _, xi, k, q = self.strains.T
+        return Extremes.of(self.forward.stretch_at, q, np.hypot(xi, k), self.forward.radius)
+
+    @property
+    def machine_code(self) -> bool:
+        """See Equilibrium."""
+        return self.forward.machine_code
+
+    def at(self, s: Array) -> tuple[Array, Array]:
+        """See Equilibrium: one step of the integrator from the node next to s."""
+        return self.forward.dense(self.tensions, self.poses, self.strains, s)
+
+    @cached_property
+    def tendons(self) -> Lengths:
+        """The tendons under the tensions, with closed-form strains."""
+        forward = self.forward
+        return tendon_lengths(forward.arm, forward.scene, forward.machine_code)(self.tensions)
+
+    @property
+    def length_tension(self) -> Array:
+        """See Equilibrium. Undefined for the equations as printed."""
+        return self.tendons.length_tension
+
+    @cached_property
+    def lengths(self) -> Array:
+        """See Equilibrium: the integral of ``|du_c/ds|`` by Gauss quadrature."""
+        return self.forward.tendon_lengths(self)
 
 
 def _step(
@@ -69,17 +214,17 @@ def _step(
     results = [after, ca.densify(ca.vec(strains))]
     if least:
         results = [ca.vertcat(after, ca.fmin(x[7], 1 + ca.mmin(strains[3, :])))]
-    return ca.Function("marched", [x, *map(ca.vec, known), h], results, {"cse": True})
+    return ca.Function("step", [x, *map(ca.vec, known), h], results, {"cse": True})
 
 
-def _march(
+def _integrator(
     statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, S: int, steps: int
 ) -> ca.Function:
     """Return (base, inputs of all sections, h) -> poses (7, S + 1), strains (4 m, steps)."""
-    march = kernel(cached(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
-    inputs = march.mx_in()
-    poses, strains = march.call(inputs)
-    return ca.Function("march", inputs, [ca.horzcat(inputs[0], poses[:, :S]), strains])
+    steps_along = kernel(cached(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
+    inputs = steps_along.mx_in()
+    poses, strains = steps_along.call(inputs)
+    return ca.Function("integrator", inputs, [ca.horzcat(inputs[0], poses[:, :S]), strains])
 
 
 @dataclass(frozen=True)
@@ -149,10 +294,10 @@ class ClosedForm(ExplicitMap):
         self._base = base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
         self._kind = (statics, scheme, statics.is_explicit)
-        march = cached(_march, *self._kind, machine_code, self.mesh.steps, self._h.size)
+        integrator = cached(_integrator, *self._kind, machine_code, self.mesh.steps, self._h.size)
         if self._h.size <= _MAX_EXPANDED and not machine_code:
-            march = cached(ca.Function.expand, march)
-        self._march = cached(BufferedFunction, march)
+            integrator = cached(ca.Function.expand, integrator)
+        self._integrate = cached(BufferedFunction, integrator)
 
     @cached_property
     def sections(self) -> Sections:
@@ -168,15 +313,17 @@ class ClosedForm(ExplicitMap):
         sizes = (self.mesh.steps, self._h.size)
         pull = ca.sparsify(ca.DM(self._maps.reshape(-1, T.numel()))) @ T
         known = [ca.reshape(each, -1, self._h.size) for each in (pull, ca.DM(self._data.T))]
-        march = cached(_march, self._statics, self.scheme, True, self.machine_code, *sizes)
-        poses, strains = march(self._base, *known, ca.DM(self._h).T)
+        integrator = cached(
+            _integrator, self._statics, self.scheme, True, self.machine_code, *sizes
+        )
+        poses, strains = integrator(self._base, *known, ca.DM(self._h).T)
         along = ca.reshape(strains, 4, -1)[3, :]
         return ca.Function("closed_form", [T], [poses, 1 + along])
 
     def run(self, tensions: Array) -> tuple[Array, Array]:
         """See ExplicitMap.run."""
         known = self._known(self._maps, self._data, tensions)
-        poses, strains = self._march(self._base, *known, self._h)
+        poses, strains = self._integrate(self._base, *known, self._h)
         return poses, strains.reshape(-1, 4)
 
     def _known(self, maps: Array, data: Array, tensions: Array) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Forward map by collocation: the equilibrium that an arm reaches under given tensions.
+"""The forward map by collocation: the equilibrium that an arm reaches under given tensions.
 
 The equilibrium depends on the history of the arm: the loads act first, then the tendons are pulled
 in proportion. An arm that does not bear its loads without tension, such as an upright arm that is
@@ -42,7 +42,7 @@ from octoplan.model.support.errors import (
 )
 
 
-class Collocation:
+class CollocationMap:
     """Map from tensions to equilibria on one mesh, by the collocation equations.
 
     Attributes

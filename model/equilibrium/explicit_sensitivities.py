@@ -9,7 +9,8 @@ z by kappa and nu at the nodes of a step, and the quadrature weights W of these 
 Here twist' is the derivative of kappa and nu by the strains v, K the derivative of the wrench of
 the cross-section, and w a moment and a force at the node. The first equation is the chain rule, the
 second the principle of virtual work with the same Z. Sensitivities by collocation take 1.1 to 4.4
-times as long (octoplan.model.equilibrium.sensitivities). Sources: see octoplan.model.integrators.
+times as long (octoplan.model.equilibrium.sensitivities). Sources: see
+octoplan.model.rod.collocation.
 """
 
 from __future__ import annotations
@@ -21,18 +22,17 @@ import numpy as np
 
 from octoplan.model.cross_section.law import CrossSection, components, size
 from octoplan.model.cross_section.sections import strains_of
-from octoplan.model.integrators import Magnus
+from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitEquilibrium
 from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import Magnus
 from octoplan.model.rotations import conjugate, exponential, matrix, multiply
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BufferedFunction, cached
-from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.marched import Marched
 
 _ROUNDING = 4 * np.finfo(float).eps
 
 
-class MarchDerivative:
+class ExplicitSensitivities:
     """Sensitivities of an equilibrium in closed form.
 
     The interface is that of octoplan.model.equilibrium.sensitivities.Sensitivities for arms under
@@ -40,28 +40,28 @@ class MarchDerivative:
 
     Parameters
     ----------
-    point : Marched
+    point : ExplicitEquilibrium
         The equilibrium.
     node : int
         The node at which wrenches act and displacements are evaluated.
     """
 
-    def __init__(self, point: Marched, node: int) -> None:
-        march = point.march
-        assert isinstance(march, ClosedForm)
-        self._at = at = march.sections
-        h = np.diff(march.mesh.s)
+    def __init__(self, point: ExplicitEquilibrium, node: int) -> None:
+        forward = point.forward
+        assert isinstance(forward, ClosedForm)
+        self._at = at = forward.sections
+        h = np.diff(forward.mesh.s)
         law = at.law
         place = point.poses[node, 4:]
-        _, self._weights, _ = march.mesh.points(len(march.scheme.nodes))
+        _, self._weights, _ = forward.mesh.points(len(forward.scheme.nodes))
         self._v = v = strains_of(law, point.strains[: at.s.size])
         self._balance = at.balance(v, point.tensions[at.tendon])
-        call = cached(_step_twists, law, march.scheme, h.size, march.machine_code)
+        call = cached(_step_twists, law, forward.scheme, h.size, forward.machine_code)
         # Z transposed (P, 6 of kappa and nu, 6 of z) and Z twist' (P n, 6), 0 beyond the node.
         twists, by_strains = call(point.poses[:-1].ravel(), v.ravel(), h)
         twists = twists.reshape(-1, 6, 6)
         by_strains = by_strains.reshape(*v.shape, 6)
-        beyond = node * len(march.scheme.nodes)
+        beyond = node * len(forward.scheme.nodes)
         twists[beyond:] = 0.0
         by_strains[beyond:] = 0.0
         # The map from force and moment at the node to moment and force about the base.
