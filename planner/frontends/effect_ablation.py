@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -24,10 +24,11 @@ from octoplan.planner.frontends.accuracy_study import processor_time
 # Tip change over the arm's length from which an effect matters, unless another is given: markers
 # of cameras and moulded arms are accurate to about 1 %.
 TOLERANCE = 0.01
-# Effects with default parameters, by name.
+# Effects with default parameters, by name. The fluid is not a choice of the model: buoyancy is
+# switched together with the weight only.
 _KNOWN: dict[str, Effect] = {
     type(effect).__name__: effect
-    for effect in (Extension(), ExactTendons(), NeoHookean(), Shear(), Weight(), Buoyancy())
+    for effect in (Extension(), ExactTendons(), NeoHookean(), Shear(), Weight())
 }
 
 
@@ -84,7 +85,8 @@ class Switch:
     time_factor : float
         Processor time of settle with the effect over the time without.
     matters : bool
-        Whether the tip change is above the tolerance, or one of the scenes does not settle.
+        Whether the tip change is above the tolerance, one of the scenes does not settle, or an
+        effect that requires this effect matters.
     problem : str
         Error of the scene that does not settle; empty if both settle.
     """
@@ -120,7 +122,9 @@ def switch_effects(
     """Settle a scene with each of its effects switched off in turn, and others switched on.
 
     The others are effects with default parameters: extension, exact tendons, the neo-Hookean body,
-    shear, weight, and buoyancy in water. Effects that an effect requires are switched too.
+    shear and weight. Effects that an effect requires are switched on too, and effects that require
+    an effect are switched off too. Buoyancy is switched together with the weight only, because the
+    fluid around the arm is given.
 
     Parameters
     ----------
@@ -146,16 +150,23 @@ def switch_effects(
         raise InputError("repeats", repeats, "a whole number from 1")
     check_tolerance(tolerance, checked_accuracy(accuracy))
     settle(arm, tensions, scene, accuracy)
-    others = [(_without(scene, effect), effect) for effect in scene.effects]
+    own = [effect for effect in scene.effects if not isinstance(effect, Buoyancy)]
+    others = [(_without(scene, effect), effect) for effect in own]
     addable = {} if scene.has(PrintedStatics) else _KNOWN
     for effect in addable.values():
         if not scene.has(type(effect)):
             added = [effect, *(_KNOWN[name] for name in _needs(effect))]
             missing = [each for each in added if not scene.has(type(each))]
             others.append((Scene(*scene.effects, *missing), effect))
-    return tuple(
+    switches = [
         switch_effect(arm, tensions, scene, other, effect, accuracy, repeats, tolerance)
         for other, effect in track("effects switched", others)
+    ]
+    pairs = list(zip((effect for _, effect in others), switches, strict=True))
+    required = {name for effect, switch in pairs if switch.matters for name in _needs(effect)}
+    return tuple(
+        replace(switch, matters=switch.matters or type(effect).__name__ in required)
+        for effect, switch in pairs
     )
 
 

@@ -195,8 +195,10 @@ def switch_table(switches: tuple[Switch, ...], length: float, tolerance: float) 
     rows = [head]
     notes = [
         f"Keep or add: the effect moves the tip by more than {100 * tolerance:g} % of the length, "
-        f"{1e3 * tolerance * length:.3g} mm (--tolerance {tolerance:g}), or is needed to settle.",
-        "Drop or leave out: the effect moves the tip by less.",
+        f"{1e3 * tolerance * length:.3g} mm (--tolerance {tolerance:g}), or an effect to keep or "
+        "add requires the effect, or the arm does not settle otherwise.",
+        "Drop or leave out: the effect moves the tip by less. Effects that require an effect are "
+        "switched too.",
         "Time factor: time of settle with the effect over the time without.",
     ]
     for switch in switches:

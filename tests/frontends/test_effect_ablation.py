@@ -25,6 +25,7 @@ ARM = Arm.from_paper("table-4")
 BENT = [[0, 0.05, 0, 0], [0, 0, 0.8, 0.3], [1.5, 0, 0, 0]]
 NO_PULL = np.zeros(12)
 PAPER = Scene(Extension())
+IN_AIR = Scene(Extension(), Weight())
 IN_WATER = Scene(Extension(), Weight(), Buoyancy())
 UPRIGHT = Weight((-9.81, 0.0, 0.0))  # t of the base is x: the arm stands on its base
 
@@ -58,22 +59,18 @@ def tip_change(scene: Scene, other: Scene, accuracy: float = 1e-6) -> float:
                 "NeoHookean and ExactTendons and Extension",
                 "Shear",
                 "Weight",
-                "Buoyancy and Weight",
             ],
         ),
-        (
-            EXACT,
-            ["ExactTendons", "Extension"],
-            ["NeoHookean", "Shear", "Weight", "Buoyancy and Weight"],
-        ),
+        (EXACT, ["ExactTendons", "Extension"], ["NeoHookean", "Shear", "Weight"]),
         (
             SILICONE,
             ["ExactTendons and NeoHookean", "Extension and NeoHookean", "NeoHookean"],
-            ["Shear", "Weight", "Buoyancy and Weight"],
+            ["Shear", "Weight"],
         ),
+        (IN_AIR, ["Extension", "Weight"], ["ExactTendons", "NeoHookean and ExactTendons", "Shear"]),
         (Scene.as_printed(), ["Extension", "PrintedStatics"], []),
     ],
-    ids=["bending alone", "exact", "silicone", "as printed"],
+    ids=["bending alone", "exact", "silicone", "weight in air", "as printed"],
 )
 def test_what_needs_an_effect_or_is_needed_by_it_is_switched_along(
     scene: Scene, own: list[str], others: list[str]
@@ -93,7 +90,6 @@ def test_each_of_several_point_loads_is_switched_by_itself() -> None:
 
 
 WITHOUT = {
-    "Buoyancy": Scene(Extension(), Weight()),
     "Extension": Scene(Weight(), Buoyancy()),
     "Weight and Buoyancy": PAPER,
 }
@@ -120,6 +116,16 @@ def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_tolerance(factor
     switch = switch_effect(ARM, BENT, PAPER, PAPER + small, small, 1e-9, 1, tolerance)
     assert switch.matters is (factor < 1)
     assert switch.tip_change == pytest.approx(moved, rel=1e-3)
+
+
+def test_an_effect_matters_if_an_effect_that_requires_it_matters() -> None:
+    tolerance = 0.04
+    found = switch_effects(ARM, BENT, Scene.silicone(), 1e-4, 1, tolerance)
+    switches = {switch.effect: switch for switch in found}
+    assert switches["ExactTendons and NeoHookean"].tip_change < tolerance
+    assert switches["NeoHookean"].tip_change > tolerance
+    assert switches["ExactTendons and NeoHookean"].matters
+    assert not switches["Shear"].matters
 
 
 @pytest.mark.parametrize(
