@@ -108,7 +108,7 @@ class AccuracyStudy(TextRepr):
 
     @property
     def recommendation(self) -> str:
-        """The recommended accuracy in one sentence, with times and errors."""
+        """The recommended accuracy in one sentence, with the reason, times and errors."""
         best = self.recommended
         if best is None:
             return "No accuracy is recommended: no error is below the requested accuracy."
@@ -119,7 +119,10 @@ class AccuracyStudy(TextRepr):
                 f"{name} takes {duration(point.seconds)}, {slowdown(curve, best):.2g} times the "
                 f"fastest, with an error of {point.error:.1e}"
             )
-        return f"Use accuracy = {best:.0e}: {'; '.join(parts)}."
+        fast = all(slowdown(each, best) <= ACCEPTED_SLOWDOWN for each in self._curves.values())
+        reason = f"at most {ACCEPTED_SLOWDOWN:g} times the time of the fastest"
+        reason = f"the finest that takes {reason}" if fast else f"the cheapest; none takes {reason}"
+        return f"Use accuracy = {best:.0e}, {reason}: {'; '.join(parts)}."
 
     @property
     def problems(self) -> tuple[str, ...]:

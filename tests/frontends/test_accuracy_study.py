@@ -66,6 +66,7 @@ def test_the_recommendation_is_the_finest_accuracy_within_twice_the_fastest_time
     study = _study([(1e-2, 1e-3, 1.0), (1e-4, 1e-5, 1.5), (1e-6, 1e-7, 1.9), (1e-8, 1e-9, 2.1)])
     assert study.recommended == 1e-6
     assert "accuracy = 1e-06" in study.recommendation
+    assert "the finest that takes at most 2 times the time" in study.recommendation
     assert "1.9 times the fastest" in study.recommendation
 
 
