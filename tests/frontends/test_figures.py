@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
@@ -147,6 +148,38 @@ def test_no_label_of_an_ellipsoid_figure_is_cut_off(arm: Arm) -> None:
     figure = k.plot()
     assert labels_inside(figure)
     assert figure.axes[-1].get_xlabel() == "tension [N]"
+
+
+@pytest.mark.parametrize("length", [0.002, 0.02, 0.08, 0.24])
+def test_tick_labels_of_two_axes_are_apart(length: float) -> None:
+    """The first and last numbers of two axes meet at a corner of the box."""
+    scale = length / 0.24
+    thirds = np.radians([0, 120, 240])
+    arm = Arm(
+        length,
+        Linear(0.014 * scale, 0.006 * scale),
+        (
+            Anchorage(length, Linear(0.009 * scale, 0.004 * scale), tuple(thirds)),
+            Anchorage(length / 2, Linear(0.007 * scale, 0.007 * scale), tuple(thirds + 1)),
+        ),
+        Material(E=150e3, nu=0.5, density=1070.0),
+        base_frame=HANGING.base_frame,
+    )
+    T = scale**2 * np.array([[1.0, 0.0, 0.0], [0.0, 1.5, 0.0]])
+    figure = plot_shape(settle(arm, T, PAPER))
+    assert isinstance(figure, Figure)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    boxes = []
+    ax: Any = figure.axes[0]
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        low, high = axis.get_view_interval()
+        ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        assert ticks
+        boxes.append([tick.label1.get_window_extent(renderer).padded(8.0) for tick in ticks])
+    for one, other in combinations(boxes, 2):
+        assert not any(box.count_overlaps(other) for box in one)
 
 
 def test_the_legend_has_the_half_axes_of_ellipsoids() -> None:

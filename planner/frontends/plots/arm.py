@@ -55,6 +55,10 @@ _FLAT = 0.3
 _ROOM = 0.084, 0.080
 # Number of corrections of the zoom, so that labels lie in the panel.
 _ROUNDS = 3
+# Distance of labels from a vertical axis for each character after the third [pt].
+_PAD_PER_DIGIT = 3.0
+# Smallest gap between the labels of two axes [px].
+_APART = 10.0
 # Weight of a plane that is seen from behind in the choice of a view.
 _BEHIND = 2.0
 
@@ -105,6 +109,35 @@ def set_best_view(ax: Any, shape: Shape, points: Array, obstacles: Sequence[Obst
             break
         share /= excess
         fill_panel(ax, *view, share=share)
+    _separate_labels(ax)
+
+
+def _separate_labels(ax: Any) -> None:
+    """Remove ticks with labels that nearly touch others, along the longest axis last."""
+    renderer = _renderer(ax)
+    occupied: list[Bbox] = []
+    for axis in _axes(ax):
+        low, high = axis.get_view_interval()
+        ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        boxes = {tick.get_loc(): tick.label1.get_window_extent(renderer) for tick in ticks}
+        wide = {at: box.padded(_APART) for at, box in boxes.items()}
+        free = [at for at, box in wide.items() if not box.count_overlaps(occupied)]
+        occupied += [boxes[at] for at in free]
+        if len(free) < len(boxes):
+            axis.set_ticks(free)
+
+
+def _axes(ax: Any) -> tuple[Any, Any, Any]:
+    """Return the three axes; the longest one comes first."""
+    axes = (ax.xaxis, ax.yaxis, ax.zaxis)
+    return tuple(sorted(axes, key=lambda axis: -np.ptp(axis.get_view_interval())))
+
+
+def _renderer(ax: Any) -> RendererAgg:
+    """Draw the figure, because Matplotlib places labels then, and return a renderer."""
+    figure = ax.figure
+    figure.draw_without_rendering()
+    return RendererAgg(figure.bbox.width, figure.bbox.height, figure.dpi)  # type: ignore[no-untyped-call]
 
 
 def fill_panel(ax: Any, elevation: float, azimuth: float, share: float = 1.0) -> None:
@@ -120,11 +153,8 @@ def fill_panel(ax: Any, elevation: float, azimuth: float, share: float = 1.0) ->
 
 def _excess_of_labels(ax: Any) -> float:
     """Return the size of the box with ticks and labels over the size of its panel."""
-    figure = ax.figure
-    # Matplotlib places labels when it draws.
-    figure.draw_without_rendering()
-    renderer: Any = RendererAgg(figure.bbox.width, figure.bbox.height, figure.dpi)  # type: ignore[no-untyped-call]
-    panel = ax.get_position(original=True).transformed(figure.transFigure)
+    renderer = _renderer(ax)
+    panel = ax.get_position(original=True).transformed(ax.figure.transFigure)
     labels = Bbox.union([axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)])
     center = (panel.min + panel.max) / 2
     reach = np.maximum(labels.max - center, center - labels.min)
@@ -223,7 +253,12 @@ def set_limits(ax: Any, points: Array, fresh: bool) -> None:
         # Matplotlib offsets labels in proportion to the other two sides.
         others = (size.sum() - width) / 2 / np.linalg.norm(size)
         getattr(ax, f"set_{name}label")(f"{name} [mm]", fontsize=SIZE, labelpad=14.4 / others - 21)
-        ax.tick_params(axis=name, labelsize=SIZE - 1, pad=5.6 / others - 8)
+        pad = 5.6 / others - 8
+        if name == "z":
+            # Labels are centred on their place beside the axis.
+            digits = max(len(f"{place:.0f}") for place in (c - width / 2, c + width / 2))
+            pad += _PAD_PER_DIGIT * max(digits - 3, 0)
+        ax.tick_params(axis=name, labelsize=SIZE - 1, pad=pad)
     ax.zaxis.set_rotate_label(False)
     ax.zaxis.label.set_rotation(90)
     ax.set_box_aspect(size)
