@@ -58,6 +58,12 @@ def test_the_load_is_an_effect_that_settles_to_the_measured_tip() -> None:
     assert "Force" in repr(found) and "on the tip" in found.outcome
 
 
+def test_the_outcome_names_the_place_of_a_load_below_the_tip() -> None:
+    outcome = estimated(tip=TIP, std=5e-4, at=0.3).outcome
+    assert " N at s = 300 mm." in outcome
+    assert "tip" not in outcome
+
+
 def test_small_regions_are_nearly_ellipsoids() -> None:
     small, large = (estimated(tip=TIP, std=std).nonlinearity() for std in (1e-5, 1e-3))
     assert small < 1e-4
@@ -71,7 +77,7 @@ def test_a_shape_that_no_load_explains_is_reported(miss: float) -> None:
     places[1] += miss
     points = [*zip(s, np.zeros((4, 3)), places, strict=True)]
     found = estimated(points=points, std=1e-4)
-    assert "No load explains the shape" in found.outcome
+    assert "No load on the tip explains the shape" in found.outcome
 
 
 def refused(**more: Any) -> Callable[[], object]:

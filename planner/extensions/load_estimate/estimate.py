@@ -210,11 +210,11 @@ class LoadEstimate(HtmlRepr):
     @property
     def outcome(self) -> str:
         """The load in one sentence, and the reasons to doubt the estimate with one remedy each."""
-        lines = [f"Force {_length_text(self.force, self.std[:3])} N"]
+        lines = [f"Force {_with_std(self.force, self.std[:3])} N"]
         if self.has_moment:
-            lines[0] += f", moment {_length_text(self.moment, self.std[3:])} N m"
-        place = "the tip" if self.at == self.arm.length else f"s = {1e3 * self.at:g} mm"
-        lines[0] += f" on {place}."
+            lines[0] += f", moment {_with_std(self.moment, self.std[3:])} N m"
+        place = "on the tip" if self.at == self.arm.length else f"at s = {1e3 * self.at:g} mm"
+        lines[0] += f" {place}."
         if not self.converged:
             lines.append(
                 "The least squares stopped early: the arm snaps or buckles near this load."
@@ -222,8 +222,8 @@ class LoadEstimate(HtmlRepr):
         if self._is_unlikely:
             size = np.sqrt(self.chi2 / max(self.n_data - self.n_determined, 1))
             lines.append(
-                f"No load explains the shape: residuals are {size:.3g} times the noise; check "
-                "`at`, the tensions and `std`, and calibrate the arm."
+                f"No load {place} explains the shape: residuals are {size:.3g} times the noise; "
+                "check `at`, the tensions and `std`, and calibrate the arm."
             )
         if not self.stable:
             lines.append("The shape under this load is unstable: doubt the estimate.")
@@ -257,7 +257,7 @@ class LoadEstimate(HtmlRepr):
         return "\n".join([*columns(rows), "", self.outcome])
 
 
-def _length_text(vector: Array, std: Array) -> str:
+def _with_std(vector: Array, std: Array) -> str:
     """Return a vector with its standard deviations as text."""
     parts = [f"{x:.3g} ± {s:.2g}" for x, s in zip(vector.tolist(), std.tolist(), strict=True)]
     return f"({', '.join(parts)})"
