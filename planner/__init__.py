@@ -14,8 +14,6 @@ from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.accuracy_study import accuracy_study
 from octoplan.planner.frontends.arm_check import check_arm
-from octoplan.planner.frontends.bodies.links import urdf
-from octoplan.planner.frontends.bodies.mjcf import mjcf
 from octoplan.planner.frontends.c_code.export import export
 from octoplan.planner.frontends.effect_ablation import switch_effects
 from octoplan.planner.frontends.io.saved_files import load_calibration, load_plan
@@ -44,13 +42,11 @@ __all__ = [
     "export",
     "load_calibration",
     "load_plan",
-    "mjcf",
     "plan",
     "plan_many",
     "stiffness",
     "sweep",
     "switch_effects",
     "trajectory",
-    "urdf",
     "workspace",
 ]

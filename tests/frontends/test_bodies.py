@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from octoplan.model import Anchorage, Arm, InputError, Linear, Material, Scene, Shape, settle
 from octoplan.model.effects import Buoyancy, Extension, NeoHookean, Weight
 from octoplan.model.extensions.cross_sections import Rectangle
-from octoplan.planner import mjcf, urdf
 from octoplan.planner.frontends.bodies.files import export_shape, save_mesh
-from octoplan.planner.frontends.bodies.links import ros_messages
+from octoplan.planner.frontends.bodies.links import ros_messages, urdf
+from octoplan.planner.frontends.bodies.mjcf import mjcf
 from octoplan.planner.frontends.c_code.export import export_plan
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.io.csv_files import save_shape

@@ -31,8 +31,10 @@ from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import HalfSpace
-from octoplan.planner import export, mjcf, urdf
+from octoplan.planner import export
 from octoplan.planner.frontends.bodies.forces import ExportWarning
+from octoplan.planner.frontends.bodies.links import urdf
+from octoplan.planner.frontends.bodies.mjcf import mjcf
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.limits import natural_tensions
 from tests.contact.cases import bar
