@@ -109,7 +109,8 @@ def report_plans(results: list[tuple[int, Plan]]) -> None:
             group = [p for p in plans if p.targets[0].bend == bend]
             good = [p for p in group if p.certificate.passed]
             tip = [plane_of(p.arm, p.shape.tip) - p.targets[0].angle for p in good]
-            plane = np.degrees(np.abs(np.angle(np.exp(1j * np.array(tip)))))
+            # A bend of 180 degrees may move the tip to the other side of the base.
+            plane = np.degrees(np.abs(np.angle(np.exp(2j * np.array(tip))))) / 2
             residual = np.degrees([p.certificate.equality["bend"] for p in good])
             tangent = np.array([p.shape.tip_frame[:, 0] @ p.arm.base_frame for p in good])
             unsigned = [np.degrees(np.arccos(np.clip(t[0], -1, 1)) - bend) for t in tangent]
