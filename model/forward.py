@@ -153,6 +153,7 @@ def checked_accuracy(accuracy: Any) -> float:
     return within("accuracy", accuracy, FINEST_ACCURACY, LOOSEST)
 
 
+@lru_cache(maxsize=16)
 def first_pair(accuracy: float) -> tuple[int, int]:
     """Return the first two refinements for an accuracy; the second is about twice the first.
 

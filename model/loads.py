@@ -10,10 +10,10 @@ from scipy.linalg import LinAlgError, cholesky_banded
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import STIFFNESS_SIZE, body_parameters, cross_section_of
 from octoplan.model.effects.base import Effect
+from octoplan.model.mesh import stations
 from octoplan.model.paths import Array
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.scene import Scene
-from octoplan.model.stations import stations
 from octoplan.model.support.checks import LARGEST
 
 # Largest value of (1 + cos psi) / 2 + sin(psi) / pi.

@@ -31,7 +31,7 @@ from octoplan.model.forward import (
 )
 from octoplan.model.loads import check_loads, with_loads_of
 from octoplan.model.scene import Scene
-from octoplan.model.shape import Shape, sharp, stretched
+from octoplan.model.shape import Shape, guide_remark, sharp, stretched
 from octoplan.model.support.checks import finite, kind
 from octoplan.model.support.errors import (
     ConvergenceError,
@@ -44,7 +44,6 @@ from octoplan.model.support.errors import (
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import check_time, limited, timeout, with_progress
 from octoplan.model.support.units import called_by_a_script, warn
-from octoplan.model.tendons import guide_remark
 
 LOG = logging.getLogger(__name__)
 
@@ -195,24 +194,22 @@ def settle(
             near=near,
         )
         shape = _solve(problem)
-    if called_by_a_script():
-        remarks = (
-            (BENT, sharp(shape)),
-            (STRETCHED, stretched(shape)),
-            (FEW_DISCS, guide_remark(shape.arm, shape.tensions)),
-        )
-        for text, details in remarks:
-            if details:
-                warn(text, ShapeWarning, details)
+    remarks = (
+        (BENT, sharp(shape)),
+        (STRETCHED, stretched(shape)),
+        (FEW_DISCS, guide_remark(shape.arm, shape.equilibrium.tensions)),
+    )
+    for text, details in remarks:
+        if details and called_by_a_script():
+            warn(text, ShapeWarning, details)
     return shape
 
 
 def _solve(problem: SettlingProblem) -> Shape:
     """Return the shape that solves a problem."""
     for effect in problem.scene.effects:
-        shape = effect.settle(problem)
-        if shape is not None:
-            return shape
+        if effect.settles_scene:
+            return effect.settle(problem)
     maps = forward_maps(problem.arm, problem.scene, problem.machine_code)
     near = None if problem.near is None else _checked_near(problem)
     if problem.lengths is not None:
@@ -321,11 +318,12 @@ def settle_on_meshes(
             error_with_jumps, known_with_jumps = updated_estimate(
                 known_with_jumps, gap, coarse, refinement, 1, rounding
             )
-            if point.jump is not None:
+            if point.extremes.jump is not None:
                 error = error_with_jumps
                 if known_with_jumps * refinement > accuracy * FINEST:
                     check_stretch(point)
-                    raise ConvergenceError(accuracy, known_with_jumps, SMOOTHER.format(point.jump))
+                    remedy = SMOOTHER.format(point.extremes.jump)
+                    raise ConvergenceError(accuracy, known_with_jumps, remedy)
             LOG.debug("mesh %d: estimated tip error %.1e of L", refinement, error)
             if error <= accuracy:
                 check_stretch(point)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,11 +14,10 @@ from octoplan.model.cross_section.law import cross_section_of
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects.sections import Extension
 from octoplan.model.mesh import graded
-from octoplan.model.paths import SAME, Array, Mask
+from octoplan.model.paths import Array, Mask
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST, SMALLEST
 from octoplan.model.support.errors import CollapsedError, InputError
-from octoplan.model.support.units import length_text
 
 if TYPE_CHECKING:
     from octoplan.model.shape import Shape
@@ -30,11 +28,6 @@ LENGTH_POINTS = 8
 # Smallest compliance of tendons with given lengths, over that of the arm. Regularises combinations
 # of lengths that no strain changes.
 _LEAST_COMPLIANCE = 1e-10
-# Largest ratio of total pull and Euler load between discs at which the shape is that of continuous
-# guides: at a ratio of 0.04 the tip differs by 0.4 % of the length at a bend of 23 degrees.
-_FEW_DISCS = 0.05
-# Number of arc lengths at which the smallest radius is sought.
-_RADIUS_SAMPLES = 33
 # Smallest shortening by a taut tendon of the straight arm, over the arm's length. Smaller tensions
 # are rounding of solvers.
 _TAUT_STROKE = 1e-8
@@ -159,35 +152,6 @@ def arm_compliance(arm: Arm) -> float:
     arm without slopes the terms are the integrals of y^2 / EJ + 1 / EA.
     """
     return -float(np.trace(_at_rest(arm).length_tension))
-
-
-def guide_remark(arm: Arm, tensions: Array) -> str:
-    """Return a remark if the arm states too few discs for continuous guides, otherwise "".
-
-    The tendons in a hull are guided by discs, and the anchorages are the only discs that an arm
-    without guides states. Between discs the arm is a column under the total pull P of the tendons
-    that cross. Its Euler load is pi^2 EJ / l^2, with the least EJ of the segment of length l. The
-    shape differs from that of continuous guides in proportion to the ratio.
-    """
-    is_unknown = any(section.guides is None for section in arm.sections)
-    if arm.hull is None or not is_unknown:
-        return ""
-    discs = np.array([0.0, *sorted(arm.anchorages)])
-    ends = np.array([arm.sections[i].at for i, _ in arm.tendons])
-    worst = (0.0, 0.0, 0.0)
-    for a, b in pairwise(discs.tolist()):
-        pull = float(tensions[ends >= b * (1 - SAME)].sum())
-        EJ = arm.section_stiffness(np.linspace(a, b, _RADIUS_SAMPLES))[0, 1:3].min()
-        euler = float(np.pi**2 * EJ / (b - a) ** 2)
-        worst = max(worst, (pull / euler, a, b))
-    ratio, a, b = worst
-    if ratio <= _FEW_DISCS:
-        return ""
-    return (
-        "tendons in the hull count as guided continuously; with discs at the anchorages alone, "
-        f"the total pull is {ratio:.2g} times the Euler load of the segment from {length_text(a)} "
-        f"to {length_text(b)}; state the discs as Anchorage.guides"
-    )
 
 
 def least_compliance(arm: Arm) -> float:

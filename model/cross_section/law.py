@@ -16,10 +16,10 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
+from octoplan.model.mesh import Stations
 from octoplan.model.paths import Array
 from octoplan.model.rod.kernels import Name
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Stations
 
 # Added to the squared length of a tendon, so that the length is differentiable at 0. The root is
 # large compared with the rounding of the square (1e-16).

@@ -20,14 +20,9 @@ from octoplan.model.cross_section.law import (
     size,
 )
 from octoplan.model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
+from octoplan.model.mesh import Counts, crossing, stations, tendon_paths
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.stations import (
-    Counts,
-    crossing,
-    stations,
-    tendon_paths,
-)
 from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
@@ -233,7 +228,7 @@ def _with_jacobian(name: str, value: ca.SX, v: ca.SX, *numbers: ca.SX) -> ca.Fun
 
 
 class Extremes(NamedTuple):
-    """The extremes of stretch and curvature along an arm, which the equations do not limit.
+    """Extremes of stretch and curvature along an arm, which the equations do not limit.
 
     Attributes
     ----------
@@ -251,6 +246,8 @@ class Extremes(NamedTuple):
         Arc length of the largest stretch [m].
     longest : float
         The largest stretch.
+    jump : float or None
+        Arc length of the largest jump of the strains inside an element [m], if any.
     """
 
     s: float
@@ -260,9 +257,12 @@ class Extremes(NamedTuple):
     bend: float
     long_at: float
     longest: float
+    jump: float | None = None
 
     @classmethod
-    def of(cls, s: Array, q: Array, curvature: Array, radius: Array) -> Extremes:
+    def of(
+        cls, s: Array, q: Array, curvature: Array, radius: Array, jump: float | None = None
+    ) -> Extremes:
         """Return the extremes of q (N,) at s (N,), and of curvature and radius at the first s."""
         bend = curvature * radius
         least = int(q.argmin())
@@ -276,6 +276,7 @@ class Extremes(NamedTuple):
             bend=float(bend[bent]),
             long_at=float(s[longest]),
             longest=float(1 + q[longest]),
+            jump=jump,
         )
 
 

@@ -30,10 +30,10 @@ from octoplan.model.cross_section.law import (
     size,
 )
 from octoplan.model.effects.sections import Shear
+from octoplan.model.mesh import Stations, crossing, tendon_directions, tendon_offsets
 from octoplan.model.paths import Array
 from octoplan.model.rotations import norm
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Stations, crossing, tendon_directions, tendon_offsets
 
 # Number of Newton steps in a symbolic solution; sufficient for ordinary tensions.
 _WRITTEN_OUT = 10

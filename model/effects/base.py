@@ -47,6 +47,8 @@ class Effect:
     plan_strategy = ""
     # Whether equilibria depend on a set of active contacts.
     has_complementarity = False
+    # Whether scenes with the effect are settled by its method `settle`.
+    settles_scene = False
 
     @property
     def is_path_dependent(self) -> bool:
@@ -119,9 +121,9 @@ class Effect:
         """
         return None
 
-    def settle(self, problem: SettlingProblem) -> Shape | None:
-        """Return the shape of a scene with this effect; None to solve the equilibrium directly."""
-        return None
+    def settle(self, problem: SettlingProblem) -> Shape:
+        """Return the shape of a scene with this effect, if `settles_scene`."""
+        raise NotImplementedError
 
 
 SUCH[Effect] = "an effect such as Extension()"

@@ -108,7 +108,8 @@ class CollocationMap:
                 ends[i] = point
         left = [i for i, end in enumerate(ends) if end is None]
         if left:
-            for i, end in zip(left, self._from_rest(tensions[left], tolerance_factor), strict=True):
+            solve = self._pulled if self.loads_first else self._loaded_last
+            for i, end in zip(left, solve(tensions[left], tolerance_factor), strict=True):
                 ends[i] = end
         return [end for end in ends if end]
 
@@ -201,14 +202,6 @@ class CollocationMap:
             return False
         return not self._under_loads.why
 
-    def _from_rest(
-        self, tensions: Array, tolerance_factor: float
-    ) -> list[Equilibrium | OctoplanError]:
-        """Return the equilibrium or the error of each set (M, n_tendons), from rest."""
-        if self.loads_first:
-            return self._pulled(self._under_loads.point, tensions, tolerance_factor)
-        return self._loaded_last(tensions, tolerance_factor)
-
     @cached_property
     def _under_loads(self) -> BranchEnd:
         """The end of the branch on which the loads grow without tension."""
@@ -221,14 +214,11 @@ class CollocationMap:
         )[0]
 
     def _pulled(
-        self, rest: Equilibrium, tensions: Array, tolerance_factor: float
+        self, tensions: Array, tolerance_factor: float
     ) -> list[Equilibrium | OctoplanError]:
-        """Return the equilibrium or the error of each set of tensions that grows in proportion.
-
-        `rest` is the equilibrium under the loads without tension.
-        """
+        """Return the equilibrium or the error of each set of tensions that grows in proportion."""
         crushed: list[CrushedCheck] = [partial(_crushed, self.system.sections, T) for T in tensions]
-        starts = [BranchEnd(rest, 0.0)] * len(tensions)
+        starts = [BranchEnd(self._under_loads.point, 0.0)] * len(tensions)
         lines = self._line(0 * tensions, 1.0), self._line(tensions, 1.0)
         followed = continue_branches(
             starts, lines, LEAST_STEP, crushed, tolerance_factor, MAX_TOLERANCE_FACTOR

@@ -123,8 +123,9 @@ def continue_branches(
         guesses = [guess for _, guess in predicted if guess is not None]
         if not active:
             break
-        percent = round(100 * min(each.fraction for each in branches))
-        report("percent of tensions and loads", percent, 100)
+        if rounds:
+            percent = round(100 * min(each.fraction for each in branches))
+            report("percent of tensions and loads", percent, 100)
         rounds += 1
         points = [
             point if point is None or each.is_near(point) else None

@@ -25,12 +25,11 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import cross_section_of, size
 from octoplan.model.cross_section.sections import Extremes, Sections, reported, solve_sections
 from octoplan.model.cross_section.statics import ClosedStatics, closed_statics
-from octoplan.model.mesh import Mesh, graded
+from octoplan.model.mesh import Counts, Mesh, Stations, base_pose, graded, stations
 from octoplan.model.paths import Array, Linear, Path
 from octoplan.model.rod.collocation import Magnus
 from octoplan.model.rotations import compose
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Counts, Stations, base_pose, stations
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import (
     FEW,
@@ -141,8 +140,6 @@ class ExplicitEquilibrium:
 
     # See Equilibrium.
     snaps: ClassVar[tuple[float, ...]] = ()
-    # See Equilibrium: not searched without loads.
-    jump: ClassVar[float | None] = None
 
     forward: ExplicitMap
     tensions: Array

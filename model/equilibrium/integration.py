@@ -23,6 +23,7 @@ from octoplan.model.cross_section.law import join
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.equilibrium.runge_kutta import RK8
 from octoplan.model.loads import dead_resultant
+from octoplan.model.mesh import stations
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -37,7 +38,6 @@ from octoplan.model.rod.structure import (
 )
 from octoplan.model.rod.tendons import state_rate_function, tension_ratio_function
 from octoplan.model.rotations import POSE, multiply, unit_matrix
-from octoplan.model.stations import stations
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
 SCHEME = RK8

@@ -53,6 +53,8 @@ class Equilibrium:
         stiffer body.
     history : History
         The order in which loads and tensions acted.
+    snaps : tuple of float
+        The load factors at which the arm jumped; () without contact.
     """
 
     system: DiscreteRod
@@ -60,6 +62,7 @@ class Equilibrium:
     linearised_at: Equilibrium | None = None
     jacobian: Array | None = None
     history: History = "loads first"
+    snaps: tuple[float, ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Equilibrium, (self.system, self.x, None, None, self.history)
@@ -175,38 +178,19 @@ class Equilibrium:
 
     @cached_property
     def extremes(self) -> Extremes:
-        """Least stretch at stages and ends of elements, and largest curvature at stages."""
+        """Extremes of the stretch at stages and ends of elements, and of curvature at stages."""
         layout = self.system.layout
         sections = self.system.sections
         s = self.system.mesh.s
         _, xi, k, q = reported(layout.structure.law, self.states[layout.stages])[:, :4].T
-        weights = gauss(layout.structure.stages).at(np.array([0.0, 1.0]))
-        ends = weights @ q.reshape(layout.elements, -1).T
+        method = gauss(layout.structure.stages)
+        ends = method.at_ends @ q.reshape(layout.elements, -1).T
         places = np.concatenate([sections.s, s[:-1], s[1:]])
-        return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), sections.stations.radius)
-
-    @cached_property
-    def jump(self) -> float | None:
-        """The place of the largest jump of the strains inside an element [m]; None without a jump.
-
-        A cross-section may have two equilibria if it bends around a tendon, and the arm may change
-        from one to the other. No mesh has a node at such a place, so that errors fall by order one.
-        """
-        layout = self.system.layout
-        sections = self.system.sections
-        _, xi, k, q = reported(layout.structure.law, self.states[layout.stages])[:, :4].T
         radius = sections.stations.radius
-        values = np.array([radius * xi, radius * k, q])
-        change = np.abs(np.diff(values)).max(axis=0)
-        is_inside = np.arange(1, sections.s.size) % layout.structure.stages > 0
-        is_near = np.diff(sections.s) < JUMP_WIDTH * radius[1:]
-        jumps = np.where(is_inside & is_near, change, 0.0)
-        return float(sections.s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
-
-    @property
-    def snaps(self) -> tuple[float, ...]:
-        """The load factors at which the arm jumped; () without contact."""
-        return ()
+        jump = _largest_jump(
+            sections.s, radius, np.array([radius * xi, radius * k, q]), method.c.size
+        )
+        return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), radius, jump)
 
     @property
     def scheme(self) -> str:
@@ -255,6 +239,20 @@ def linearised(
         for row, each in zip(x, near, strict=True)
     ]
     return points, residuals
+
+
+def _largest_jump(s: Array, radius: Array, values: Array, stages: int) -> float | None:
+    """Return the place of the largest jump inside an element [m]; None without a jump.
+
+    `values` (3, N) are curvatures times radius, and stretch, at the stages s (N,). A cross-section
+    may have two equilibria if it bends around a tendon, and the arm may change from one to the
+    other. No mesh has a node at such a place, so that errors fall by order one.
+    """
+    change = np.abs(np.diff(values)).max(axis=0)
+    is_inside = np.arange(1, s.size) % stages > 0
+    is_near = np.diff(s) < JUMP_WIDTH * radius[1:]
+    jumps = np.where(is_inside & is_near, change, 0.0)
+    return float(s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
 
 
 AnyEquilibrium = Equilibrium | ExplicitEquilibrium

@@ -95,8 +95,7 @@ def newton(
         Equations and states -> the equations with the contacts at the states; for one start.
     """
     n_before = system.layout.n_before_states
-    is_nonsmooth = any(term.is_nonsmooth for term in system.terms)
-    iterations = [_Iteration.begin(system, start, max_rotation, is_nonsmooth) for start in starts]
+    iterations = [_Iteration.begin(system, start, max_rotation) for start in starts]
     active = iterations
     for _ in range(MAX_STEPS_IN_CONTACT if update_contacts else MAX_STEPS):
         if not active:
@@ -108,14 +107,16 @@ def newton(
             if not np.allclose(system.p, last.p, CHORD_RADIUS, 0.0):
                 active[0].linearised_at = None
         x = np.array([each.x for each in active])
-        points, steps = _newton_steps(system, x, [each.linearised_at for each in active])
+        points, steps = linearised(system, x, [each.linearised_at for each in active])
+        for point, row in zip(points, steps, strict=True):
+            solvable = np.isfinite(row).all() and point.factor is not None
+            row[:] = -point.solve(row) if solvable else np.nan
         rotations, sizes = step_sizes(system, steps, x[:, n_before:] + steps)
         remaining = list[_Iteration]()
         for each, point, step, rotation, size in zip(
             active, points, steps, rotations, sizes, strict=True
         ):
-            contracts = each.contracts(size)
-            is_safe = rotation <= max_rotation and contracts
+            is_safe = rotation <= max_rotation and size <= each.largest_step
             if math.isnan(size) or not (update_contacts or is_safe):
                 continue
             each.take(point, step, rotation, size)
@@ -142,6 +143,8 @@ class _Iteration:
         Whether the equations have kinks; then no factorisation is reused.
     last_size : float
         Size of the last step; 0 before the first step.
+    largest_step : float
+        Size up to which the next step counts as contraction.
     path : float
         Sum of the sizes of the steps since the equations were linearised.
     result : Equilibrium or None
@@ -154,22 +157,17 @@ class _Iteration:
     max_rotation: float
     is_nonsmooth: bool
     last_size: float = 0.0
+    largest_step: float = math.inf
     path: float = math.inf
     result: Equilibrium | None = None
 
     @staticmethod
-    def begin(
-        system: DiscreteRod, start: Start, max_rotation: float, is_nonsmooth: bool
-    ) -> _Iteration:
+    def begin(system: DiscreteRod, start: Start, max_rotation: float) -> _Iteration:
         """Return the iteration at the initial guess."""
         x = system.x(start.tensions, start.load, start.states)
         point = start.linearised_at
         origin = point and (point.linearised_at or point)
-        return _Iteration(start, x, origin, max_rotation, is_nonsmooth)
-
-    def contracts(self, size: float) -> bool:
-        """Return whether a step is the first one, is small, or is shorter than the last step."""
-        return not self.last_size or size <= max(CONTRACTION * self.last_size, SAFE_STEP)
+        return _Iteration(start, x, origin, max_rotation, system.is_nonsmooth)
 
     def take(self, point: Equilibrium, step: Array, rotation: float, size: float) -> None:
         """Take a step; set the result after convergence, or decide on the next factorisation.
@@ -195,7 +193,11 @@ class _Iteration:
         # The next step would be about size^2 / last_size. Squares of diverged steps overflow.
         is_small = size < tolerance or size < np.sqrt(tolerance * self.last_size)
         if rotation <= self.max_rotation and is_small:
-            self.result = self._equilibrium(point.system)
+            # Linearised equations are shared if the distance does not change the derivatives.
+            limit = math.sqrt(STEP_TOL * self.start.tolerance_factor)
+            shares = self.path < limit and not self.is_nonsmooth
+            origin = self.linearised_at if shares else None
+            self.result = Equilibrium(point.system, self.x, origin, history=self.start.history)
             return
         if self.last_size:
             largest = CHORD_RATE * self.last_size
@@ -204,6 +206,7 @@ class _Iteration:
         if self.is_nonsmooth or size > largest:
             self.linearised_at = None
         self.last_size = size
+        self.largest_step = max(CONTRACTION * size, SAFE_STEP)
 
     def _share_at_kink(self, point: Equilibrium, step: Array) -> float:
         """Return the share of a step after which the next step is shortest.
@@ -225,31 +228,6 @@ class _Iteration:
             return step_sizes(system, next_step, x[None, n_before:] + next_step)[1][0]
 
         return min(KINK_SHARES, key=size_after)
-
-    def _equilibrium(self, system: DiscreteRod) -> Equilibrium:
-        """Return the equilibrium at the current iterate.
-
-        Linearised equations are shared if the distance does not change the derivatives.
-        """
-        limit = math.sqrt(STEP_TOL * self.start.tolerance_factor)
-        shares = self.path < limit and not self.is_nonsmooth
-        origin = self.linearised_at if shares else None
-        return Equilibrium(system, self.x, origin, history=self.start.history)
-
-
-def _newton_steps(
-    system: DiscreteRod, x: Array, linearised_at: list[Equilibrium | None]
-) -> tuple[list[Equilibrium], Array]:
-    """Return the equations linearised at points x (M, n_x), and Newton's steps (M, n_states).
-
-    A step is NaN if its equations are singular or not finite. Equations with an entry of
-    `linearised_at` reuse the factorisation of this entry.
-    """
-    points, steps = linearised(system, x, linearised_at)
-    for point, row in zip(points, steps, strict=True):
-        solvable = np.isfinite(row).all() and point.factor is not None
-        row[:] = -point.solve(row) if solvable else np.nan
-    return points, steps
 
 
 def step_sizes(system: DiscreteRod, steps: Array, states: Array) -> tuple[list[float], list[float]]:

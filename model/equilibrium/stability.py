@@ -46,8 +46,7 @@ def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     points = [each for each in candidates if each is not None]
     if not points:
         return stable
-    groups = points[0].system.layout.node_groups
-    if any(group.n_variables or group.structure.term.couples_nodes for group in groups):
+    if points[0].system.layout.couples_nodes:
         from octoplan.model.equilibrium.modes import unstable_mode
 
         stable[stable] = [p.factor is not None and unstable_mode(p) is None for p in points]

@@ -170,7 +170,9 @@ def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, 
         alone = now[~(least > LEAST_STRETCH) | (wanted[now] > max(fine, _FINEST_TOGETHER))]
         wanted[alone] = 0
         errors[alone] = np.nan
-    jumps = [i for i, point in enumerate(near) if point is not None and point.jump is not None]
+    jumps = [
+        i for i, point in enumerate(near) if point is not None and point.extremes.jump is not None
+    ]
     errors[jumps] = np.nan
     errors[~(errors <= accuracy)] = np.nan
     settled = np.flatnonzero(np.isfinite(errors))

@@ -29,11 +29,11 @@ from msgspec import Meta
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import CrossSection, join, size
 from octoplan.model.effects.base import Effect, EffectSet
+from octoplan.model.mesh import Counts, tendon_paths
 from octoplan.model.paths import Array, Path
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.rod_term import RodPoints, RodTerm, SectionView, Sizes, TendonView, Values
 from octoplan.model.rotations import norm
-from octoplan.model.stations import Counts, tendon_paths
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.value import NotNegative, Sign, value
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.explicit import ClosedForm
-from octoplan.model.mesh import Mesh
+from octoplan.model.mesh import Counts, Mesh, stations, tendon_paths
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.element import zero
@@ -36,7 +36,6 @@ from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.rod_term import RodPlaces, RodTerm
 from octoplan.model.rotations import POSE, matrices, norm, unit_matrix
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Counts, stations, tendon_paths
 from octoplan.model.support.machine.functions import cached
 
 # Refinement of the mesh of arms that are curved at rest: the error of lengths is rounding.

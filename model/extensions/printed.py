@@ -22,17 +22,10 @@ from octoplan.model.effects import Extension
 from octoplan.model.effects.base import Effect, Rules
 from octoplan.model.equilibrium.explicit import ExplicitEquilibrium, ExplicitMap
 from octoplan.model.equilibrium.runge_kutta import RK6, RungeKutta
-from octoplan.model.mesh import graded
+from octoplan.model.mesh import Counts, base_pose, crossing, graded, stations, tendon_offsets
 from octoplan.model.paths import Array
 from octoplan.model.rotations import compose, inverse, multiply, rotate
 from octoplan.model.scene import Scene
-from octoplan.model.stations import (
-    Counts,
-    base_pose,
-    crossing,
-    stations,
-    tendon_offsets,
-)
 from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BufferedFunction

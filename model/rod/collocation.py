@@ -39,12 +39,15 @@ class Tableau:
         Integrals of the stages' Lagrange polynomials from 0 to c_i.
     powers : (m, m)
         Coefficient of x^p of the polynomial that is 1 at stage j and 0 at the others.
+    at_ends : (2, m)
+        Lagrange weights at 0 and 1.
     """
 
     c: Array
     b: Array
     a: Array
     powers: Array
+    at_ends: Array
 
     def at(self, x: Array | float) -> Array:
         """Return the Lagrange weights (..., m) of stage values, at x (...) on [0, 1]."""
@@ -60,7 +63,8 @@ def gauss(m: int) -> Tableau:
     p = np.arange(m)
     powers = np.linalg.inv(np.vander(c, m, increasing=True))
     a = c[:, None] ** (p + 1) / (p + 1) @ powers
-    return Tableau(c, b, a, np.asarray(powers, dtype=float))
+    at_ends = np.array([[0.0], [1.0]]) ** p @ powers
+    return Tableau(c, b, a, np.asarray(powers, dtype=float), at_ends)
 
 
 def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> list[ca.SX]:

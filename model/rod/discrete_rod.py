@@ -23,7 +23,7 @@ from octoplan.model.loads import (
     required_arc_lengths,
     rod_terms,
 )
-from octoplan.model.mesh import Mesh, graded, kinks
+from octoplan.model.mesh import Mesh, base_pose, graded, kinks, stations, tendon_paths
 from octoplan.model.paths import Array
 from octoplan.model.rod.element import element, node_kernel_name
 from octoplan.model.rod.equations import ParameterValues
@@ -42,7 +42,6 @@ from octoplan.model.rod.structure import (
 )
 from octoplan.model.rotations import POSE, cross
 from octoplan.model.scene import Scene
-from octoplan.model.stations import base_pose, stations, tendon_paths
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BatchFunction, BufferedFunction, cached
 
@@ -66,6 +65,8 @@ class DiscreteRod:
         The terms of the rod, with their parameter values.
     section_terms : tuple of RodTerm
         The terms with expressions of cross-sections or tendons, in the order of the structure.
+    is_nonsmooth : bool
+        Whether a term has kinks in its equations.
     node_terms : list of list of RodTerm
         The terms of each node group of the layout.
     units : (strains,)
@@ -88,6 +89,7 @@ class DiscreteRod:
         self.loaded = loaded
         self.terms = rod_terms(arm, scene) if terms is None else terms
         self.section_terms = section_terms(self.terms)
+        self.is_nonsmooth = any(term.is_nonsmooth for term in self.terms)
         structure = RodStructure(
             law=cross_section_of(scene, arm.is_curved, twisted=loaded),
             stages=stages,
@@ -191,7 +193,7 @@ class DiscreteRod:
         # q and -q are the same rotation: keep the sign within half a turn of this base.
         if pose[:4] @ self.base[:4] < 0:
             pose[:4] *= -1
-        result.parameters["clamp"]["pose"][:, 0] = pose
+        result.p[self.layout.clamp] = pose
         return result
 
     def on_mesh(
@@ -224,7 +226,7 @@ class DiscreteRod:
     @property
     def base(self) -> Array:
         """The pose (7,) at which the base is clamped."""
-        return self.parameters["clamp"]["pose"][:, 0]
+        return self.p[self.layout.clamp]
 
     def x(self, tensions: Array, load: float, states: Array) -> Array:
         """Return all unknowns (..., n_x): tensions (..., n_tendons), load factor, states."""
@@ -294,13 +296,14 @@ class DiscreteRod:
     def integrate_poses(self, strains: Array) -> Array:
         """Integrate strains at the stages (N stages, strains) to poses at the nodes (N + 1, 7)."""
         structure = self.layout.structure
+        base = self.p[self.layout.clamp]
         kinematics = RodStructure(
             structure.law, structure.stages, has_moment=False, machine_code=structure.machine_code
         )
         (result,) = cached(_integrator, kinematics, self.mesh.steps)(
-            self.base, strains.ravel(), np.diff(self.mesh.s)
+            base, strains.ravel(), np.diff(self.mesh.s)
         )
-        return np.vstack([self.base, result])
+        return np.vstack([base, result])
 
     def initial_states(
         self,
@@ -346,11 +349,12 @@ class DiscreteRod:
             return states
         missing = -self.residual(x)
         states[..., layout.tendon_states] = np.cumsum(missing[..., layout.tendon_states], axis=-3)
-        moments, forces, u = (layout.nodes[:, k : k + 3] for k in (POSE, POSE + 3, 4))
+        moments = layout.nodes[:, POSE : POSE + 3]
         if structure.has_force:
+            forces = layout.nodes[:, POSE + 3 : POSE + 6]
             states[..., forces] = _from_tip(missing[..., forces])
             # The residuals do not contain the forces beyond the elements.
-            along = np.diff(states[..., u], axis=-2)
+            along = np.diff(states[..., layout.nodes[:, 4:POSE]], axis=-2)
             missing[..., moments[:-1]] += cross(along, states[..., forces[1:]])
         states[..., moments] = _from_tip(missing[..., moments])
         return states

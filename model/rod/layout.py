@@ -155,6 +155,23 @@ class Layout:
         ]
         return Equations(self.n_x, self.n_states, terms, self.structure.machine_code)
 
+    @cached_property
+    def clamp(self) -> slice:
+        """The pose of the clamp among the parameters of the equations."""
+        (part,) = [
+            part
+            for term, part in zip(self.equations.terms, self.equations.slices, strict=True)
+            if term.kernel.name == "clamp"
+        ]
+        return part
+
+    @cached_property
+    def couples_nodes(self) -> bool:
+        """Whether a term has node variables, or couples nodes by kernels of its own."""
+        return any(
+            group.n_variables or group.structure.term.couples_nodes for group in self.node_groups
+        )
+
     @property
     def _node_states(self) -> Places:
         """Places of pose, moment and force of the nodes (N + 1, 7 + n_wrench)."""

@@ -9,11 +9,10 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.mesh import Mesh
+from octoplan.model.mesh import Counts, Mesh, volume
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.rod_term import NodeView, RodPoints, RodTerm, SectionView, Sizes, Values
 from octoplan.model.rotations import norm
-from octoplan.model.stations import Counts, volume
 from octoplan.model.support.checks import LARGEST
 
 Vector = tuple[float, ...]

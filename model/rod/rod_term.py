@@ -19,11 +19,10 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.mesh import Mesh
+from octoplan.model.mesh import Counts, Mesh, Stations
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Places
-from octoplan.model.stations import Counts, Stations
 from octoplan.model.support.errors import InputError
 
 if TYPE_CHECKING:

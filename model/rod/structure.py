@@ -11,10 +11,9 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import CrossSection, size
-from octoplan.model.mesh import Mesh
+from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.rod_term import RodPoints, RodTerm, Sizes, Symbols, Values
-from octoplan.model.stations import Counts
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,7 @@ class SelfContact(Effect):
     """
 
     has_complementarity = True
+    settles_scene = True
 
     @classmethod
     def excludes(cls) -> Rules:

@@ -61,13 +61,10 @@ class ContactEquilibrium(Equilibrium):
 
     Attributes
     ----------
-    snaps : tuple of float
-        The load factors at which the arm jumped to another equilibrium.
     path : tuple
         With friction the equilibria on the way with their load factors, the one before first.
     """
 
-    snaps: tuple[float, ...] = ()
     path: Path = ()
 
     @classmethod

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.contact.kernels import pressure, touch
 from octoplan.model.extensions.obstacles.base import distances
-from octoplan.model.mesh import Mesh
+from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.rod_term import ElementLoad, RodPlaces, RodTerm
 from octoplan.model.rotations import POSE
-from octoplan.model.stations import Counts
 from octoplan.model.support.machine.functions import cached
 
 # Factor of slip in contact friction, over the stiffness E J / L^3 of the base. With the stiffness

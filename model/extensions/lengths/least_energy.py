@@ -42,6 +42,7 @@ from octoplan.model.loads import (
     is_conservative,
     rod_terms,
 )
+from octoplan.model.mesh import base_pose, stations, tendon_paths
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -58,7 +59,6 @@ from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import RodStructure
 from octoplan.model.rotations import POSE
 from octoplan.model.scene import Scene
-from octoplan.model.stations import base_pose, stations, tendon_paths
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.tendons import least_compliance
 

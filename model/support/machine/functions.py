@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -33,15 +33,19 @@ _AT_ONCE = 2048
 FEW = 192
 
 
-def cached(make: Callable[..., K], *of: Any) -> K:
-    """Return `make(*of)`, cached for all arms and meshes with the same structure."""
-    result: K = _build_once(make, *of)
-    return result
-
-
-@lru_cache(maxsize=512)
-def _build_once(make: Callable[..., Any], *of: Any) -> Any:
+def _made(make: Callable[..., Any], *of: Any) -> Any:
     return make(*of)
+
+
+class _Cached(Protocol):
+    """The type of `cached`."""
+
+    def __call__(self, make: Callable[..., K], *of: Any) -> K:
+        """Return `make(*of)`."""
+
+
+# Return `make(*of)`, cached for all arms and meshes with the same structure.
+cached = cast(_Cached, lru_cache(maxsize=512)(_made))
 
 
 class BufferedFunction:

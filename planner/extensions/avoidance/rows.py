@@ -22,12 +22,11 @@ from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
 from octoplan.model.extensions.clearance.nearest import base_plane
 from octoplan.model.extensions.obstacles.base import SIZE, Convex, distances_from, signed_distance
-from octoplan.model.mesh import graded
+from octoplan.model.mesh import base_pose, graded
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rotations import POSE, matrices, matrix
-from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows
 from octoplan.planner.extensions.avoidance.surroundings import spare

@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.mesh import base_pose
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.equations import Term
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rotations import POSE, multiply, unit_matrix
-from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import ACTIVE, Block, Parts, ProgramView, Rows
 from octoplan.planner.extensions.base_joints.joints import BaseJoints, BasePosition

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import NeoHookean
+from octoplan.model.mesh import volume
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.stations import volume
 from octoplan.model.support.checks import kind, within
 from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of

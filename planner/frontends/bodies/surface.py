@@ -16,10 +16,10 @@ from octoplan.model.arm import Arm
 from octoplan.model.extensions.obstacles import HalfSpace, Mesh
 from octoplan.model.extensions.obstacles.base import Convex, axes_with
 from octoplan.model.extensions.obstacles.mesh import TranslatedMesh
+from octoplan.model.mesh import stations, tendon_offsets
 from octoplan.model.paths import Array
 from octoplan.model.rotations import matrices
 from octoplan.model.shape import Shape
-from octoplan.model.stations import stations, tendon_offsets
 
 # Points of an obstacle's outline along half a circle.
 _STEPS = 12

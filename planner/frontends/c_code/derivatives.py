@@ -28,10 +28,10 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import size
 from octoplan.model.cross_section.statics import ClosedStatics
 from octoplan.model.equilibrium.explicit_sensitivities import adjoint_function, step_jacobian
+from octoplan.model.mesh import stations
 from octoplan.model.paths import Array, Linear
 from octoplan.model.rod.collocation import Magnus
 from octoplan.model.rotations import compose, exponential, inverse
-from octoplan.model.stations import stations
 
 # Coefficients of a quadratic polynomial.
 TERMS = 3

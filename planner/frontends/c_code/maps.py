@@ -16,10 +16,10 @@ from octoplan.model.cross_section.statics import ClosedStatics, EnergyStatics, c
 from octoplan.model.effects import ExactTendons
 from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.forward import explicit_map
+from octoplan.model.mesh import base_pose, stations
 from octoplan.model.paths import Array
 from octoplan.model.rotations import compose
 from octoplan.model.shape import Shape
-from octoplan.model.stations import base_pose, stations
 from octoplan.model.stiffness import tip_jacobian_function
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.c_code.derivatives import (

@@ -22,7 +22,7 @@ from octoplan.model import (
 from octoplan.model.effects import ExactTendons, Extension, TipLoad, Weight
 from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
-from octoplan.model.stations import stations, tendon_paths
+from octoplan.model.mesh import stations, tendon_paths
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner.plan import plan
 from octoplan.planner.targets import TipPosition

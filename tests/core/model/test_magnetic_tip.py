@@ -16,9 +16,8 @@ from scipy.optimize import root
 from octoplan import Arm, InputError, Scene, TipPosition, plan, settle
 from octoplan.model.effects.base import Effect, EffectSet
 from octoplan.model.loads import has_unique_equilibrium
-from octoplan.model.mesh import Mesh
+from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.rod.rod_term import NodeView, RodTerm, Sizes, Values
-from octoplan.model.stations import Counts
 from octoplan.model.support.value import Vector, value
 from tests.core.effects.bars import Bar
 

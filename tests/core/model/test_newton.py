@@ -18,7 +18,7 @@ def test_a_step_of_any_size_is_not_converged(size: float) -> None:
     forward = ForwardMaps(arm, Scene(Extension(), TipLoad((0.0, 0.0, -1e-3))), False).on(1)
     point = forward.solve(T)
     start = Start(T, 1.0, point.states)
-    iteration = _Iteration.begin(point.system, start, np.inf, is_nonsmooth=True)
+    iteration = _Iteration(start, point.x.copy(), None, np.inf, is_nonsmooth=True)
     iteration.take(point, np.zeros(point.states.size), 0.0, size)
     assert iteration.result is None
     assert iteration.last_size == size
