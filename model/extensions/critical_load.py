@@ -20,14 +20,14 @@ from octoplan.model.support.errors import InputError
 
 @dataclass(frozen=True)
 class Critical:
-    """Where the branch of equilibria that begins at the unloaded arm ends or loses its stability.
+    """The end of the branch of stable equilibria that begins at the unloaded arm.
 
     Attributes
     ----------
     load_factor : float
-        Of the scene's loads: above 1 the arm bears them and more.
+        Factor of the scene's loads at the end of the branch; above 1 the arm bears the loads.
     why : str
-        What happens there; empty if nothing does up to the largest load factor that is tried.
+        Reason for the end; empty if the branch continues up to the largest load factor.
     """
 
     load_factor: float
@@ -37,14 +37,14 @@ class Critical:
 def critical_load_factor(
     arm: Arm, tensions: Any, scene: Scene, most: float = 10.0, accuracy: float = 1e-4
 ) -> Critical:
-    """Return how much of its loads an arm bears under tensions, by continuation in all of them.
+    """Return the factor of all loads that an arm bears under tensions, by continuation.
 
     Parameters
     ----------
     most : float
-        The largest load factor that is tried.
+        Largest load factor of the continuation.
     accuracy : float
-        Relative error of the load factor that is accepted.
+        Accepted relative error of the load factor.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def critical_load_factor(
     T, most = arm.flat(tensions), positive("most", most)
 
     def end(refinement: int) -> BranchEnd:
-        """Return where the branch ends on the mesh of a refinement, four times as accurate."""
+        """Return the end of the branch on the mesh of a refinement, four times as accurate."""
         forward = collocation_map(arm, scene, refinement)
         x = forward.system.x(T, 0.0, forward.without_loads(T))
         begin = BranchEnd(Equilibrium(forward.system, x), 0.0)

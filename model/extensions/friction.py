@@ -1,6 +1,6 @@
 """Coulomb friction of the tendons: the effect, and its rod term.
 
-A tendon has the unit tangent e = c/|c|. While the motor pulls in (direction 1) its tension falls
+A tendon has the unit tangent e = c/|c|. While the motor pulls in (direction 1), the tension falls
 from the motor on, while the motor pays out (direction -1) it rises:
 
     T' = -direction mu theta' T,    theta' = |de/ds|    =>    T = T(0) exp(-direction mu theta)

@@ -1,4 +1,4 @@
-"""Clearance of an arm at rest: from obstacles, from its base plane, and from itself.
+"""Clearance of an arm at rest: from obstacles, the base plane, and other parts of the arm.
 
 The arm's surface is the envelope of balls of the arm's radius along the midline, so that the
 tip is round. Results are lower bounds, refined close to the exact value; see
@@ -27,7 +27,7 @@ KINDS = OBSTACLES, BASE, ITSELF
 
 @dataclass(frozen=True)
 class Clearance:
-    """Smallest distance of the arm's surface from obstacles, its base plane or itself.
+    """Smallest distance of the arm's surface from obstacles, the base plane or the arm.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Clearance:
 
 
 def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> Clearance:
-    """Return the clearance of a settled arm from obstacles, its base plane and itself.
+    """Return the clearance of a settled arm from obstacles, the base plane and other parts.
 
     Raises InputError if the arguments are not a shape and obstacles.
     """

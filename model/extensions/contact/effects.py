@@ -1,4 +1,4 @@
-"""Contact with rigid obstacles and with the arm itself: the effects, and those of a scene."""
+"""Contact with rigid obstacles and of the arm with itself: effects, and the contacts of a scene."""
 
 from __future__ import annotations
 
@@ -25,30 +25,31 @@ _SLIDING = "Friction", "tendons that slide where contact bends them sharply are 
 
 @value
 class Contact(Effect):
-    """A rigid obstacle that the arm's surface may not enter, and that presses it back.
+    """A rigid obstacle on which the arm can lean.
 
-    The surface is that of balls of the arm's radius along its midline, as clearances have it: the
-    gap at s is the distance of the midline from the obstacle less the radius. At each place gap
-    >= 0, force >= 0, gap times force = 0 (Signorini's conditions). The force acts along the
-    obstacle's normal through the midline: on a tapered arm it leans by the slope of the radius
-    against the cross-section, and has no moment about it. A scene may have several contacts, with
-    different obstacles; it adds torsion, moment, force and contact force at the nodes. A
-    neo-Hookean body swells where it is shortened; that it is squeezed where it leans is left out.
+    The surface of the arm is the envelope of balls of the arm's radius along the midline, as for
+    clearances: the gap at s is the distance of the midline from the obstacle minus the radius. At
+    each s the gap and the force are at least 0, and one of both is 0 (Signorini's conditions). The
+    force acts along the normal of the obstacle through the midline: on a tapered arm the force is
+    inclined to the cross-section by the slope of the radius, and has no moment about the midline. A
+    scene may have several contacts with different obstacles. Contact adds torsion, moment, force
+    and contact force to the unknowns at the nodes. A neo-Hookean body widens if the body shortens;
+    the deformation of the cross-section by the contact is neglected.
 
-    Friction is Coulomb's, in quasi-static steps: with N what presses at a place and d how far the
-    midline there has slipped along the obstacle in the step before, either d = 0 and the friction
-    is at most mu N, or it is mu N against d. So it takes a motion: `settle(..., near=before)` leads
-    tensions in a straight line, in eight steps or more, from those of a shape that is known, such
-    as one that touches nothing or one settled without friction; `plan(..., near=before)` finds such
-    tensions. Points that roll are off by what they roll in a step. What more steps would change is
-    no part of `Shape.error`: it falls about as steps do, but unevenly, by when in a step a touch
-    begins, so that two of their numbers do not tell it. From eight steps to sixteen up to 5e-3 of
-    the length was seen, from 64 to 128 1e-3; `Shape.remarks` has it. Settle shapes in between, each
-    near the one before, to see it. Friction acts on the midline: its moment about it, of its size
-    times the arm's radius, and that the arm may roll sideways, are left out. Where the arm lies
-    along an obstacle the scene has to have Extension, without which forces along the arm between
-    places that stick are undetermined; friction there is spread as the pressure is, and where
-    sticking and slipping meet is known to a node.
+    Friction follows Coulomb's law in quasi-static steps. Let N be the normal force at a point and d
+    the slip of the midline along the obstacle in the last step: either d = 0 and the friction is at
+    most mu N, or the friction is mu N and opposes d. Friction therefore needs a motion.
+    `settle(..., near=before)` moves the tensions along a straight line, in eight or more steps,
+    from the tensions of the shape `before`, for example a shape without contact or a shape settled
+    without friction. `plan(..., near=before)` plans from such a shape. The slip of a rolling point
+    has an error of its path in one step. `Shape.error` excludes the effect of more steps, which
+    falls unevenly: a contact may begin at any time in a step. Doubling 8 steps moved the tip by up
+    to 5e-3 of the length, doubling 64 steps by 1e-3; `Shape.remarks` repeats this. Settle
+    intermediate shapes, each near the last one, to measure the effect. Friction acts on the
+    midline: the moment of the friction about the midline (friction times radius) and sideways
+    rolling are neglected. Friction along a part of the arm requires Extension: otherwise the axial
+    forces between sticking points are undetermined. On such a part, friction is distributed like
+    the pressure, and the place between sticking and slipping is resolved to one element.
 
     Attributes
     ----------
@@ -84,7 +85,7 @@ class Contact(Effect):
         check_continuous_guides(arm)
 
     def rod_term(self, scene: EffectSet) -> RodTerm | None:
-        """Return the term of all contacts of a scene, from the first of them."""
+        """Return the term of all contacts of a scene for the first contact, None for the others."""
         all_contacts = [effect for effect in scene.effects if isinstance(effect, Contact)]
         if self != all_contacts[0]:
             return None
@@ -125,18 +126,19 @@ class Contact(Effect):
 
 @value
 class SelfContact(Effect):
-    """Parts of the arm that meet press each other apart, without friction.
+    """Contact between parts of the arm, without friction.
 
-    The surface is that of balls of the arm's radius along its midline, as for clearances and
-    contact: the gap between the places s1 < s2 is the distance of the midlines less both radii. Of
-    places between which the arm has turned by half a turn, so that they are farther along than
-    their own thickness, gap >= 0, force >= 0, gap times force = 0. The forces are equal and
-    opposite, along the line that joins the midlines, at pairs of points where the gap is least. A
-    neo-Hookean body swells where it is shortened; that it is squeezed where it presses is left out.
+    The surface of the arm is the envelope of balls of the arm's radius along the midline, as for
+    clearances and contact: the gap between s1 < s2 is the distance of both points of the midline
+    minus both radii. If the arm turns by at least half a turn between both points, the gap and the
+    force are at least 0, and one of both is 0. The forces are opposite, along the line between both
+    points of the midline, at pairs of points with the least gap. A neo-Hookean body widens if the
+    body shortens; the deformation of the cross-section by the contact is neglected.
 
-    `settle` states it, `Shape.contacts` has both forces of each pair. It goes with all statics and
-    dead loads, but not with Contact, Friction or PrintedStatics; plans, stiffness, motions and
-    tendons held by length do not state it and refuse it.
+    `settle` supports this effect with given tensions; `Shape.contacts` has both forces of each
+    pair. All statics and dead loads can be combined with SelfContact, but not Contact, Friction and
+    PrintedStatics. Plans, stiffness, motions and given tendon lengths refuse scenes with
+    SelfContact.
     """
 
     has_complementarity = True

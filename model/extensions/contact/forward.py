@@ -1,4 +1,4 @@
-"""The forward map of a scene with contact: tensions to states on a mesh that moves with them."""
+"""The forward map of a scene with contact, from tensions to states on a moving mesh."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError, SnapError, UnsettledContactError
 from octoplan.model.support.progress import PATIENCE
 
-# Elements of a mesh over those of one without contact, and how long the longest may be: a part of
-# the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
+# Number of elements relative to a mesh without contact; largest element length relative to the arm
+# and relative to the size of obstacle and arm; lower limit of this size relative to the arm.
 _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
 
 
@@ -47,7 +47,7 @@ class TouchingMap(CollocationMap):
         self._mesh_options = refinement, at, machine_code
         super().__init__(DiscreteRod(arm, scene, base, STAGES, True, machine_code))
         self._rubs = any(contact.friction for contact in contacts(scene))
-        # Landmarks may be so near to each other that they are one node.
+        # Landmarks that nearly coincide share a node.
         self._fixed = base.s[
             sorted({base.node(s) for s in landmarks(arm, (*required_arc_lengths(arm, scene), *at))})
         ]
@@ -63,13 +63,13 @@ class TouchingMap(CollocationMap):
         tolerance_factor: float = 1.0,
         jumps: bool = True,
     ) -> ContactEquilibrium:
-        """Return the equilibrium that the arm comes to from another one or from rest.
+        """Return the equilibrium that the arm reaches from another equilibrium or from rest.
 
-        From rest the loads act first, then the tensions, as on arms that touch nothing. Friction
-        acts against the steps from there, which are those on another mesh where tensions are the
-        same; an arm without that history has an equilibrium as long as it touches nothing: else
-        InputError. Raises UnsettledContactError where none is found, SnapError where it would jump
-        unless it may.
+        From rest the loads act first, then the tensions, as on arms without contact. Friction
+        opposes the steps from `near`; for equal tensions the steps of the path of `near` are
+        repeated on this mesh. Raises InputError for an arm in contact with friction without `near`,
+        UnsettledContactError if no equilibrium is found, and SnapError if the arm snaps and `jumps`
+        is False.
         """
         end = Request(self.system, self._fixed, tensions)
         if not isinstance(near, Equilibrium):
@@ -91,10 +91,10 @@ class TouchingMap(CollocationMap):
         return replace(found, history=history)
 
     def _loaded_then_pulled(self, end: Request) -> ContactEquilibrium:
-        """Return the equilibrium that an arm at rest comes to; raises UnsettledContactError.
+        """Return the equilibrium that an arm reaches from rest; raises UnsettledContactError.
 
-        The loads act first, then the tensions. An arm that snaps under its loads alone is pulled
-        first, unless it snaps then as well.
+        The loads act first, then the tensions. An arm that snaps under the loads alone is pulled
+        first, unless the arm snaps in this order, too.
         """
         if not is_loaded(self.system.arm, self.system.scene):
             return replace(follow(end, self._at_rest), history="loads first")
@@ -109,34 +109,34 @@ class TouchingMap(CollocationMap):
 
     @cached_property
     def _hanging(self) -> ContactEquilibrium | None:
-        """The equilibrium under the loads alone; None if the arm snaps on its way there."""
+        """The equilibrium under the loads alone; None if the arm snaps."""
         alone = Request(self.system, self._fixed, np.zeros(self.system.layout.n_tendons))
         with suppress(SnapError, UnsettledContactError):
             return follow(alone, self._at_rest, jumps=False)
         return None
 
     def solve_from(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
-        """Return the equilibrium that another leads to, by load steps; None where it jumps."""
+        """Return the equilibrium after load steps from another one; None if the arm jumps."""
         with suppress(SnapError, UnsettledContactError):
             return self.solve(tensions, at, jumps=False)
         return None
 
     def beside(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
-        """Return the equilibrium under tensions near those of another; None where it is not near.
+        """Return the equilibrium under similar tensions near another one, or None.
 
-        Places move on, come and go from those of the other.
+        Contact places move, begin and end from the places of the other equilibrium.
         """
         return sharpened(Request(self.system, self._fixed, tensions), at)
 
     def with_places(self, at: Equilibrium, places: Places) -> Equilibrium | None:
-        """Return the equilibrium that touches at given places near another, for equal tensions.
+        """Return the equilibrium with given contact places near another one, for equal tensions.
 
         None if Newton's method does not converge.
         """
         return at_places(Request(self.system, self._fixed, at.tensions), at, places)
 
     def _contact_free(self, tensions: Array) -> ContactEquilibrium:
-        """Return the equilibrium of an arm without friction that touches nothing; or InputError."""
+        """Return the equilibrium without friction; raises InputError if the arm is in contact."""
         free = self.without_friction.solve(tensions)
         if places_of(free.system):
             allowed = (
@@ -148,7 +148,7 @@ class TouchingMap(CollocationMap):
 
     @cached_property
     def without_friction(self) -> TouchingMap:
-        """The map of the scene without friction of contacts; itself where there is none."""
+        """The map of the scene without friction of contacts."""
         if not self._rubs:
             return self
         arm, smooth = self.system.arm, without_friction(self.system.scene)
@@ -161,7 +161,7 @@ def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, 
     small = float((bodies[:, 15] + bodies[:, 12:15].min(axis=1)).min())
 
     def density(s: Array) -> Array:
-        """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
+        """Return the growth rate of solutions, or of changes of contact, at s (N,) [1/m]."""
         wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
         return np.maximum(
             growth_rate(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length)

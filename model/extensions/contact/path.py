@@ -1,12 +1,11 @@
-"""How an arm comes into contact: tensions and loads change in straight lines, obstacles there.
+"""Load paths with contact: tensions and loads change along straight lines, obstacles are present.
 
-While tensions or loads change the equilibrium is followed with forces at the nodes
-that are complementary to the gaps: by Newton's method, and where that leads to no stable one nearby
-by the least energy with gaps >= 0. Where frames turn far in however short a step the arm has
-snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
-SIAM Review 35, 1993), until places can be refined; see octoplan.model.extensions.contact.sharp.
-With friction, which looks back over each step, places are refined in each; over a snap the arm
-slides without.
+The equilibrium is continued with forces at the nodes that are complementary to the gaps. Newton's
+method solves each step; if no stable equilibrium is found nearby, the least energy with gaps >= 0
+is minimised. The arm snaps if the frames turn far in the shortest step. At the end of the path,
+nodes are exchanged for points of least gap (Hettich and Kortanek, SIAM Review 35, 1993), until the
+contact places can be refined; see octoplan.model.extensions.contact.sharp. Friction depends on each
+step, so that the places are refined in each step; during a snap the arm slides without friction.
 """
 
 from __future__ import annotations
@@ -41,28 +40,28 @@ from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time, report
 
-# First, least and longest step in the load factor: longer ones may lead to the other side of an
-# obstacle, and with friction a point that rolls is not to count as slip.
+# First, least and longest step in the load factor. Longer steps may end on the other side of an
+# obstacle, and with friction a rolling point would count as slip.
 _STEPS = 1 / 8, 1 / 128, 1 / 8
-# How often nodes or pairs are exchanged.
+# Largest number of exchanges of nodes or pairs.
 EXCHANGES = 8
-# How often forces without a potential are updated in a step: places are refined with them in full.
+# Number of updates of forces without a potential in a step; the refinement includes such forces.
 _ROUNDS = 3
-# How far frames turn off an unstable equilibrium at first [rad].
+# Initial rotation of the frames away from an unstable equilibrium [rad].
 _ASIDE = 0.1
 T = TypeVar("T")
-# Equilibria on a load path, and the load factors at which they are: the first at 0.
+# Equilibria on a load path with load factors; the first factor is 0.
 Path = Sequence[tuple[Equilibrium, float]]
 
 
 @dataclass(frozen=True, eq=False)
 class ContactEquilibrium(Equilibrium):
-    """An equilibrium with contact, whose equations know what touches on their mesh.
+    """An equilibrium with contact, whose system contains the contact flags of the mesh.
 
     Attributes
     ----------
     path : tuple
-        With friction the equilibria on the way with their load factors, the one before first.
+        With friction, the equilibria of the load path with load factors, the initial one first.
     """
 
     path: Path = ()
@@ -71,7 +70,7 @@ class ContactEquilibrium(Equilibrium):
     def of(
         cls, end: Equilibrium, snaps: tuple[float, ...] = (), path: Path = ()
     ) -> ContactEquilibrium:
-        """Return an equilibrium that an arm came to like this."""
+        """Return an equilibrium with the history of the load path."""
         return cls(
             end.system,
             end.x,
@@ -84,7 +83,7 @@ class ContactEquilibrium(Equilibrium):
 
     @property
     def before(self) -> Equilibrium | None:
-        """With friction the equilibrium before the last step: what has slipped since."""
+        """With friction, the equilibrium before the last step, from which slip is measured."""
         return self.path[-2][0] if self.path else None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -93,9 +92,10 @@ class ContactEquilibrium(Equilibrium):
 
 
 def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquilibrium:
-    """Return where an arm comes to from an equilibrium, by all that lies between it and a request.
+    """Return the equilibrium at the end of the load path from an equilibrium to a request.
 
-    Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
+    Raises UnsettledContactError if no equilibrium is found, and SnapError if the arm snaps and
+    `jumps` is False.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
     begin, goal = near.x[: near.system.layout.n_before_states], np.append(end.tensions, end.load)
@@ -105,7 +105,7 @@ def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquili
         to = replace(end, tensions=x[:-1], load=float(x[-1]), before=near if rubs else None)
         there = sharpened(to, near) if rubs else _complementary(to, near) or _least_energy(to, near)
         if there is not None and close(near, there):
-            # What moves before it touches is not to count as slip.
+            # Motion before the first contact does not count as slip.
             begins = rubs and len(places_of(there.system)) > len(places_of(near.system))
             return None if begins and not least else there
         if not least:
@@ -133,9 +133,9 @@ def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquili
 
 
 def retraced(end: Request, path: Path) -> ContactEquilibrium | None:
-    """Return where an arm comes to by the steps of a path with friction on another mesh, or None.
+    """Return the equilibrium after the steps of a path with friction on another mesh, or None.
 
-    So meshes differ by their own errors alone, and not by those of steps of different lengths.
+    With equal steps, two shapes differ by the errors of both meshes alone.
     """
     (begin, _), *others = path
     x, goal = begin.x[: begin.system.layout.n_before_states], np.append(end.tensions, end.load)
@@ -154,11 +154,11 @@ def retraced(end: Request, path: Path) -> ContactEquilibrium | None:
 def stepped(
     solve: Callable[[float, float, T, bool], T | None], start: T, steps: tuple[float, float, float]
 ) -> list[tuple[T, float]]:
-    """Return solutions and load factors from a start at 0 to 1, each from the one before.
+    """Return solutions and load factors from 0 to 1, each solved from the previous solution.
 
-    `solve` takes the load factors before and after a step, the solution before, and whether the
-    step is the least. Steps, of which the first, the least and the longest are given, are cut
-    where it returns None; of the least it returns a solution, or raises.
+    `solve` takes the load factors before and after a step, the previous solution, and whether the
+    step is the least. The step is shortened if `solve` returns None; for the least step `solve`
+    returns a solution, or raises. `steps` are the first, the least and the longest step.
     """
     path, (step, least, longest) = [(start, 0.0)], steps
     while path[-1][1] < 1:
@@ -175,10 +175,10 @@ def stepped(
 
 
 def _complementary(request: Request, near: Equilibrium) -> Equilibrium | None:
-    """Return the equilibrium with forces at nodes on the mesh of one near.
+    """Return the equilibrium with forces at nodes, on the mesh of a near equilibrium.
 
-    None where Newton's method does not lead to one that is close and stable, or nodes go through an
-    obstacle, by half the arm's radius or more; looked at where they are no farther apart than that.
+    Return None if Newton's method finds no close and stable equilibrium, or if a node moves through
+    an obstacle by half the arm's radius or more; the motion is sampled at this distance.
     """
     to = request.tensions, request.load
     (there,) = newton(near.system, [Start(*to, near.states)], update_contacts=_active_set)
@@ -193,9 +193,9 @@ def _complementary(request: Request, near: Equilibrium) -> Equilibrium | None:
 
 
 def _active_set(system: DiscreteRod, states: Array) -> DiscreteRod:
-    """Return equations with nodes that touch: those that press, and the deepest inside.
+    """Return the system with the touching nodes: nodes with f > 0, and local minima of gaps < 0.
 
-    So each of Newton's steps is to f >= 0, gap >= 0, f gap = 0 at the nodes.
+    With this active set Newton's method solves f >= 0, gap >= 0, f gap = 0 at the nodes.
     """
     gap, touches = gaps_along(system, states, 1)[1], ContactFlags.of(system)
     deepest = (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0))
@@ -205,10 +205,7 @@ def _active_set(system: DiscreteRod, states: Array) -> DiscreteRod:
 
 
 def _least_energy(request: Request, near: Equilibrium) -> Equilibrium | None:
-    """Return the least energy with forces at nodes near an equilibrium on the mesh of a request.
-
-    None where none is found.
-    """
+    """Return the equilibrium of least energy near another one, with forces at nodes, or None."""
     program, system = LeastEnergy(request.base), request.base
     strains = transfer_strains(near.system, near.states[near.system.layout.stages], system)
     to = request.tensions, request.load
@@ -217,20 +214,20 @@ def _least_energy(request: Request, near: Equilibrium) -> Equilibrium | None:
         return None
     touches, states = ContactFlags.of(system), program.states(minimum, request.load)
     gaps, L = gaps_along(system, states, 1)[1], system.arm.length
-    # Of an interior point, what touches has the larger force, and what does not the larger gap.
+    # A node of an interior point is in contact if the scaled force exceeds the scaled gap.
     touches.held[1:] = minimum.forces / program.force_unit > gaps / L
     return Equilibrium(touches.on(system), system.x(minimum.tensions, request.load, states))
 
 
 def _at_refined_places(request: Request, rough: Equilibrium) -> Equilibrium:
-    """Return the stable equilibrium at refined places, near one with forces at nodes.
+    """Return the stable equilibrium at refined places, near an equilibrium with forces at nodes.
 
-    Where none is found nodes that touch go to where the gap is least, others to where it is below 0
-    in between. From where it is unstable the arm falls to the least energy aside of it.
+    If the refinement fails, touching nodes move to points of least gap, and other nodes to negative
+    gaps between nodes. From an unstable equilibrium the energy is minimised on one side.
     """
     for _ in range(EXCHANGES):
         check_time()
-        # Nodes that touch beside another lie on the obstacle.
+        # Touching neighbours lie on the obstacle.
         touching = ContactFlags.of(rough.system).points
         force = forces(rough.system, rough.states)
         end = sharpened(request, rough, read_off(rough.system, touching, touching, force))
@@ -250,7 +247,7 @@ def _at_refined_places(request: Request, rough: Equilibrium) -> Equilibrium:
 
 
 def _contact_nodes(rough: Equilibrium) -> Places:
-    """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
+    """Return the wanted places of nodes: touching nodes, and negative local minima of gaps."""
     s, least = rough.mesh.s, least_gaps(rough.system, rough.x)
     touching = np.argwhere(ContactFlags.of(rough.system).points)
     widths = np.append(np.diff(s), 0.0)
@@ -265,7 +262,7 @@ def _contact_nodes(rough: Equilibrium) -> Places:
 
 
 def _with_friction(request: Request, near: Equilibrium) -> Equilibrium:
-    """Return the equilibrium with friction near that which the arm without it snaps to."""
+    """Return the equilibrium with friction near the end of a snap without friction."""
     base = request.base
     scene = without_friction(base.scene)
     base = base.on_mesh(base.mesh, scene)

@@ -129,8 +129,8 @@ def settle_with_self_contact(problem: SettlingProblem) -> Shape:
     """Return the shape of an arm whose parts press on each other; tensions grow from zero.
 
     All equilibria on the way are accurate to the tolerance of gaps. Raises UnsettledContactError if
-    no equilibrium is found, InputError for given lengths and `near`, and what settle_on_meshes
-    raises.
+    no equilibrium is found, InputError for given lengths and `near`, and the errors of
+    settle_on_meshes.
     """
     for name, value in (("lengths", problem.lengths), ("near", problem.near)):
         if value is not None:
@@ -155,9 +155,9 @@ def settle_with_self_contact(problem: SettlingProblem) -> Shape:
 
 
 def self_contact_shape(tensions: Array, scene: Scene, settle: Settle) -> Shape:
-    """Return the shape of an arm whose parts press on each other, in the scene without that.
+    """Return the shape of an arm with self-contact, in a scene without the effect.
 
-    Raises UnsettledContactError where none is found, and what `settle` does.
+    Raises UnsettledContactError if no equilibrium is found, and the errors of `settle`.
     """
 
     def solve(before: float, factor: float, near: _State, least: bool) -> _State | None:
@@ -181,7 +181,7 @@ def self_contact_shape(tensions: Array, scene: Scene, settle: Settle) -> Shape:
 
 
 def _touches(shape: Shape, pair: Pair) -> Iterator[ContactPoint]:
-    """Yield where two cross-sections touch: each leans on the ball of the other."""
+    """Yield the contact points of two cross-sections: each leans on the ball of the other."""
     gap = Gap.at(shape, pair.s)
     for k, sign in ((0, -1.0), (1, 1.0)):
         centre, radius, n = gap.points[1 - k], float(gap.radii[1 - k]), sign * gap.normal
@@ -191,9 +191,9 @@ def _touches(shape: Shape, pair: Pair) -> Iterator[ContactPoint]:
 
 
 def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _State | None:
-    """Return the equilibrium under tensions near another; None if the step was too long.
+    """Return the equilibrium under tensions near another one; None if the step is too long.
 
-    It is where parts that were apart may be deep in each other, or beyond.
+    After a long step parts that were apart may overlap deeply, or have passed each other.
     """
     (before, _), (near, pairs) = state, state
     L, apart = before.arm.length, max(from_itself(before).gap, 0.0)
@@ -210,7 +210,7 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
             pairs = tuple(pair for k, pair in enumerate(pairs) if k != np.argmin(pressed))
             continue
         at = np.sort(new.s)
-        # Pairs that are no farther apart along the arm than it is thick are one.
+        # Pairs within a diameter along the arm are one pair.
         known = not new.s or any(np.abs(pair.s - at).max() < 2 * radius for pair in pairs)
         if known or Gap.at(near, at).size >= -THROUGH * L:
             return near, pairs
@@ -224,10 +224,10 @@ def _with_closed_pairs(
     """Return the equilibrium with pairs closed near a shape.
 
     Unknowns are forces, arc lengths of the nearer cross-sections, and the distances of the farther
-    ones from the tip, scaled. Residuals are the gap along the normal of a pair and the force across
-    it, and the gap's slopes: that by the farther arc length, which may be the tip's, is
-    complementary to the distance from there. Raises UnsettledContactError where there is no root,
-    and what `settle` does.
+    cross-sections from the tip, scaled. Residuals are the gap along the normal of a pair, the force
+    across the normal, and the slopes of the gap; the slope by the farther arc length is
+    complementary to the distance from the tip. Raises UnsettledContactError if no root is found,
+    and the errors of `settle`.
     """
     if not pairs:
         return settle(tensions, scene, near), ()
@@ -260,9 +260,9 @@ def _with_closed_pairs(
 def slips(shape: Shape, pairs: Sequence[Pair]) -> bool:
     """Return whether a pair slips off sideways, other forces held.
 
-    It does where the force, which rotates with the line that joins the midlines, grows faster than
-    the arm's resistance: P > K d, with d the distance of the midlines. Sideways is normal to that
-    line and to the arm. Parts that cross at an angle slide along themselves instead, so that the
+    The pair slips if the force, which rotates with the line that joins the midlines, grows faster
+    than the arm's resistance: P > K d, with d the distance of the midlines. Sideways is normal to
+    this line and to the arm. Parts that cross at an angle slide along the arm instead, so that the
     line keeps its direction.
     """
     for pair in pairs:

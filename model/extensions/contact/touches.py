@@ -1,8 +1,8 @@
-"""Where the arm touches, the mesh with these places as nodes, flags of kernels, what is read off.
+"""Contact places: the mesh with these places as nodes, flags of kernels, contact points of a shape.
 
-A place is a point, where the gap is least; the tip, where it may fall on; or a part that lies on
-its obstacle from start to end, where the gap's second derivative vanishes: the moment in the arm is
-continuous, and the free arm leaves the obstacle with its curvature.
+A place is a point of least gap, the tip, or a part that lies on an obstacle from start to end. At
+both ends of a part the second derivative of the gap vanishes: the moment in the arm is continuous,
+and the free arm leaves the obstacle with the curvature of the obstacle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ BESIDE = 1e-6
 
 
 class Place(NamedTuple):
-    """Where the arm touches an obstacle, by its number among the contacts of the scene.
+    """A point or a part of the arm in contact, with the index of the contact in the scene.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Place(NamedTuple):
 
     @property
     def lies(self) -> bool:
-        """Whether this is a part of some length."""
+        """Whether the place is a part of the arm, not a point."""
         return self.end > self.start
 
 
@@ -53,15 +53,15 @@ Places = tuple[Place, ...]
 
 
 class ContactFlags:
-    """How nodes touch obstacles, as the kernels read it; where all is 0 the arm is free.
+    """Flags of the kernels for the contact of nodes with obstacles; all flags of a free arm are 0.
 
     Attributes
     ----------
     flags : (N + 1, K, 4)
-        All of these, by node and obstacle; 0 at the base, which is clamped.
+        All flags by node and obstacle; 0 at the base, which is clamped.
     held, pressing : (N + 1, K)
-        1 for nodes with a force, and with a pressure: points have the first, at which it keeps the
-        gap at 0, nodes inside of parts the second, and ends of parts both.
+        1 for nodes with a force, and for nodes with a pressure. Points have a force that keeps the
+        gap at 0, nodes inside parts have a pressure, and ends of parts have both.
     moves : (N + 1, K)
         1 for points that may move along the arm.
     lies : (N + 1, K)
@@ -74,7 +74,7 @@ class ContactFlags:
 
     @classmethod
     def of(cls, system: DiscreteRod) -> ContactFlags:
-        """Return those that are set on a system."""
+        """Return the flags of a system."""
         return cls(np.pad(kernel_numbers(system, "touch")[..., FLAGS], ((1, 0), (0, 0), (0, 0))))
 
     @property
@@ -88,7 +88,7 @@ class ContactFlags:
         return np.asarray(self.held + self.pressing > 0)
 
     def on(self, system: DiscreteRod) -> DiscreteRod:
-        """Return a system with these touches set."""
+        """Return a system with these flags."""
         changed = copy.copy(system)
         kernel_numbers(changed, "touch")[..., FLAGS] = self.flags[1:]
         if "pressure" in changed.parameters:
@@ -97,7 +97,7 @@ class ContactFlags:
 
 
 def kernel_numbers(system: DiscreteRod, kernel: str) -> Array:
-    """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
+    """Return the parameters (N, K, n) of a contact kernel, as a view of the system's parameters."""
     values = system.parameters[kernel]["values"].T
     return values.reshape(system.layout.elements, len(contacts(system.scene)), -1)
 
@@ -110,15 +110,15 @@ def forces(system: DiscreteRod, states: Array) -> Array:
 def second(system: DiscreteRod, states: Array) -> Array:
     """Return the second unknown of each node and obstacle (N + 1, K): pressure [N/m], or a shift.
 
-    The shift [m] is how far on along the arm a point touches.
+    The shift [m] is the distance along the arm from the node to the contact point.
     """
     return np.asarray(states[contact_places(system.layout).touches[:, :, 1]])
 
 
 def resultants(system: DiscreteRod, states: Array) -> Array:
-    """Return the forces with which obstacles press at the nodes (N + 1, K) [N].
+    """Return the normal forces of the obstacles at the nodes (N + 1, K) [N].
 
-    Of a pressure that is linear between nodes what falls to each by the lever rule.
+    The lever rule distributes a pressure that is linear between two nodes to both nodes.
     """
     touches = ContactFlags.of(system)
     p, thirds = second(system, states) * touches.pressing, np.diff(system.mesh.s)[:, None] / 3
@@ -129,9 +129,9 @@ def resultants(system: DiscreteRod, states: Array) -> Array:
 
 
 def frictions(system: DiscreteRod, states: Array) -> Array:
-    """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any.
+    """Return the friction at each node from each obstacle (N + 1, K, 3) [N]; 0 without friction.
 
-    Of the traction between nodes as much falls to each as of the pressure.
+    The traction between two nodes is distributed to both nodes like the pressure.
     """
     places = contact_places(system.layout)
     touches = ContactFlags.of(system)
@@ -148,11 +148,11 @@ def frictions(system: DiscreteRod, states: Array) -> Array:
 
 
 def mesh_with(base: DiscreteRod, fixed: Array, places: Places) -> Mesh | None:
-    """Return the mesh of equations with its nodes moved so that some are at places.
+    """Return the mesh of a system with nodes moved to the contact places.
 
-    Nodes at `fixed` arc lengths (n,) stay; points that are very near to each other share one. Parts
-    that lie have a node in the middle, and elements are halved where there are too few. None where
-    a place is no arc length beyond the base.
+    Nodes at `fixed` arc lengths (n,) stay; points that nearly coincide share a node. Parts have a
+    node in the middle, and elements are halved if there are too few. Return None if the arc length
+    of a place is not on the arm beyond the base.
     """
     L, wanted = base.arm.length, fixed
     ends = np.array([s for _, *part in places for s in (*part, sum(part) / 2)])
@@ -163,7 +163,7 @@ def mesh_with(base: DiscreteRod, fixed: Array, places: Places) -> Mesh | None:
     wanted, nodes = np.sort(wanted), base.mesh.s
     stay, apart = np.isin(wanted, fixed), np.arange(wanted.size)
     while True:
-        # The nearest nodes in order: pushed on from the base, then back from those that stay.
+        # The nearest nodes in order: shifted to the tip, then back from nodes that stay.
         nearest = np.round(np.interp(wanted, nodes, np.arange(nodes.size))).astype(int)
         k = np.where(stay, nearest, apart + np.maximum.accumulate(nearest - apart))
         k = apart + np.minimum.accumulate((k - apart)[::-1])[::-1]
@@ -173,15 +173,15 @@ def mesh_with(base: DiscreteRod, fixed: Array, places: Places) -> Mesh | None:
 
 
 def places_of(system: DiscreteRod) -> Places:
-    """Return the places that are set on a system."""
+    """Return the contact places of a system."""
     touches = ContactFlags.of(system)
     return read_off(system, touches.touching, touches.lies > 0, touches.held)
 
 
 def read_off(system: DiscreteRod, touching: Mask, joined: Mask, force: Array) -> Places:
-    """Return the places of nodes (N + 1, K) that touch, with their forces, in order.
+    """Return the places of touching nodes (N + 1, K) in order, weighted by the forces.
 
-    Three and more in a row, joined by the elements on their tip side, are a part that lies.
+    Three or more consecutive nodes whose elements lie on the obstacle form a part.
     """
     s, places, last = system.mesh.s, list[Place](), system.mesh.steps
     for j in range(touching.shape[1]):
@@ -197,11 +197,11 @@ def read_off(system: DiscreteRod, touching: Mask, joined: Mask, force: Array) ->
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
-    """A place where an arm leans on an obstacle.
+    """A contact point of an arm with an obstacle.
 
-    Where a part of the arm lies on one there is a touch at each node of it: forces at its ends, and
-    of the pressure what falls to the node. They have the pressure's resultant and moment but for
-    what arm and obstacle bend between the nodes, which falls as the square of their distance.
+    A part of the arm that lies on an obstacle has a contact point at each node: end forces, and the
+    share of the pressure that the lever rule gives to the node. These forces have the resultant and
+    the moment of the pressure, up to an error that falls with the square of the element length.
 
     Attributes
     ----------
@@ -209,21 +209,21 @@ class ContactPoint:
     s : float
         Arc length from the base [m].
     force : (3,)
-        On the arm, in the base frame [N].
+        Force on the arm, in the base frame [N].
     gap : float
-        Between the arm's surface and the obstacle [m].
+        Distance between the arm's surface and the obstacle [m].
     point : (3,)
-        Of the obstacle's surface, where they touch [m].
+        Contact point on the obstacle's surface [m].
     normal : (3,)
-        Out of the obstacle, towards the arm's midline; a unit vector. At an edge or a corner, where
-        the surface has no normal, it is this alone that tells along what the arm presses.
+        Unit vector out of the obstacle, towards the arm's midline, along which the normal force
+        acts, also at edges and corners of the obstacle.
     pressure : float
-        Force per unit reference length there [N/m]; 0 where the arm touches at a point.
+        Force per reference length [N/m]; 0 for a contact at a point.
     friction : (3,)
-        The part of the force that is along the obstacle's surface [N].
+        Component of the force along the obstacle's surface [N].
     slip : (3,)
-        How far the midline there has slipped along the surface in the last step [m], against which
-        friction acts; 0 where it sticks, and where there is no friction.
+        Displacement of the midline along the surface in the last step [m]; friction opposes the
+        slip. 0 for points that stick, and without friction.
     """
 
     obstacle: Convex
