@@ -15,7 +15,7 @@ the Constraints that add its blocks to all programs of a search. A strategy has 
 octoplan.planner.entry_points, and the first effect or target with a `plan_strategy` selects the
 strategy of a plan: strategies do not combine. The solution keeps the constraints in `avoidance`, so
 that the plan states the same program again. A target needs no block:
-octoplan.planner.targets.target_rows states the rows of all targets. Joints that move the base are a
+octoplan.planner.targets.target_set states the rows of all targets. Joints that move the base are a
 `Placement` of the planning problem, whose blocks are part of every program of the problem.
 
 A block is a frozen dataclass. The compared fields are the structure: two equal blocks add the same

@@ -20,15 +20,12 @@ from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report, with
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.text import TextRepr, plotted
 from octoplan.model.tendons import strokes
-from octoplan.planner.certificate import Certificate, Optimality
-from octoplan.planner.certification import certify
+from octoplan.planner.certificate import Certificate, Optimality, certify
 from octoplan.planner.entry_points import MIRROR_IMAGES, PLAN, SAVE_PLAN, load
-from octoplan.planner.nlp_options import Mode, effort
-from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.outcome import holding, outcome, remarks
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import Mode, PlanningProblem, effort
 from octoplan.planner.problem import Problem
-from octoplan.planner.solution import Solution
+from octoplan.planner.solution import NlpSolution, Solution
 from octoplan.planner.solve.refine import on_mesh
 from octoplan.planner.targets.base import Target
 
@@ -146,7 +143,7 @@ class Plan(TextRepr):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """The check of the tensions by another integrator; see octoplan.planner.certification."""
+        """The check of the tensions by another integrator; see octoplan.planner.certificate."""
         T = np.ravel(self.tensions)
         return certify(self.placed, T, lambda: self.shape, self._optimality)
 

@@ -1,4 +1,4 @@
-"""Planning problems: arm, scene, targets, limits and environment as one value, and their checks.
+"""Planning problems: arm, scene, targets, limits, environment and options, and their checks.
 
 Functions of this file raise InputError for arguments that are not allowed.
 """
@@ -9,13 +9,14 @@ from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
+from msgspec import Meta
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects.sections import Extension
-from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.forward import FINEST, FINEST_ACCURACY
 from octoplan.model.loads import has_unique_equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -23,7 +24,6 @@ from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import Described, InputError
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.target_set import TargetSet
 
@@ -32,8 +32,47 @@ if TYPE_CHECKING:
     from octoplan.model.extensions.obstacles.base import Obstacle
     from octoplan.planner.block import Placement
 
+Norm = Literal["2", "1", "inf"]
+Mode = Literal["exact", "closest", "nearest"]
 # Default for the largest number of initial guesses.
 MAX_GUESSES = 14
+
+
+@dataclass(frozen=True)
+class NlpOptions:
+    """Options of the nonlinear program.
+
+    Attributes
+    ----------
+    norm : "2", "1" or "inf"
+        Norm of the tensions that is minimised.
+    mode : "exact", "closest" or "nearest"
+        Treatment of the targets; see octoplan.planner.program. The search chooses the mode.
+    refinement : int
+        Refinement of the mesh. An element has three Gauss stages. The search chooses the mesh.
+    margin : float
+        Smallest accepted stability; see octoplan.planner.certificate.
+    modes : 0 or 1
+        Number of least stable modes that the program constrains. With 0, stability is only checked.
+    floor : float
+        Smallest stability for constrained modes. An arm that is about to yield does not settle.
+    """
+
+    norm: Norm = "2"
+    mode: Mode = "exact"
+    refinement: Annotated[int, Meta(ge=1, le=FINEST)] = 4
+    margin: float = 0.0
+    modes: Annotated[int, Meta(ge=0, le=1)] = 0
+    floor: float = 1e-2
+
+    @property
+    def stability_bound(self) -> float:
+        """The lower bound of the stability of constrained modes."""
+        return max(self.margin, self.floor)
+
+    def replace(self, **changes: Any) -> NlpOptions:
+        """Return the options with some values replaced."""
+        return replace(self, **changes)
 
 
 @dataclass(frozen=True)
@@ -205,6 +244,11 @@ def _settled(
     arm: Arm, tensions: tuple[float, ...], scene: Scene, accuracy: float, machine_code: bool
 ) -> Shape:
     return settle(arm, tensions, scene, accuracy, compile=machine_code)
+
+
+def effort(tensions: Array, norm: Norm) -> Array:
+    """Return the norms (...) of tensions (..., n_tendons) [N]."""
+    return np.asarray(np.linalg.norm(tensions, float(norm), axis=-1))
 
 
 def planned_scene(arm: Arm, scene: Scene | None) -> Scene:

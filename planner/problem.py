@@ -37,10 +37,9 @@ from octoplan.planner.blocks import (
     equilibrium_scales,
 )
 from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, effort_unit, natural_tensions
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.program import Program, Structure, program_of
-from octoplan.planner.targets.target_rows import TargetRows
+from octoplan.planner.targets.target_set import TargetRows
 
 # Lower and upper bounds of unknowns, then of rows.
 Bounds = tuple[Array, Array, Array, Array]

@@ -27,7 +27,7 @@ loads at a node to the balance of the node.
 Blocks (octoplan.planner.block) add unknowns and rows: decisions a, such as slacks, and dependents d
 with as many equations, such as tendon lengths or the least stable mode. Decisions may have shares
 in the equations of the rod: base joints move the clamp (octoplan.planner.extensions.base_joints).
-The objective f depends on the mode of the targets (octoplan.planner.targets.target_rows). Let
+The objective f depends on the mode of the targets (octoplan.planner.targets.target_set). Let
 
     effort = 1/2 sum_j (T_j / T_ref)^2,  sum_j T_j / T_ref,  or  max_j T_j / T_ref  (norm 2, 1, inf)
              + cost of base joints
@@ -75,7 +75,7 @@ from octoplan.model.rod.layout import Layout
 from octoplan.model.rotations import POSE
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.block import Block, ProgramView, Rows
-from octoplan.planner.targets.target_rows import EQUALITY
+from octoplan.planner.targets.target_set import EQUALITY
 
 # Kind of the rows of equilibrium, and of the equations of blocks.
 EQUILIBRIUM = "equilibrium"

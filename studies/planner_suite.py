@@ -69,10 +69,9 @@ from octoplan.model.extensions.friction import Friction
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.nlp_solution import NlpSolution
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
+from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.relaxation_stage import solve_from_guess
 from octoplan.planner.targets import Target, TipPose, TipPosition
 from studies import draws

@@ -31,8 +31,7 @@ from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import tip_jacobian
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.relaxation_stage import solve_from_guess
 from octoplan.planner.solve.search import Search

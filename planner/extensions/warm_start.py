@@ -16,11 +16,10 @@ import numpy as np
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.block import Constraints
-from octoplan.planner.nlp_solution import STABILITY_TOLERANCE, NlpSolution
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.solution import Solution, Trial
+from octoplan.planner.solution import STABILITY_TOLERANCE, NlpSolution, Solution, Trial
 from octoplan.planner.solve.refine import SAFETY_FACTOR, polish, refine
 
 # Relative change of the tensions per step above which the step is halved to detect a jump.

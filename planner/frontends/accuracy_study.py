@@ -25,8 +25,7 @@ from octoplan.model.support.errors import ConvergenceError, InputError, Octoplan
 from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import track, with_progress
 from octoplan.model.support.text import TextRepr, plotted
-from octoplan.planner.certificate import Optimality
-from octoplan.planner.certification import certify
+from octoplan.planner.certificate import Optimality, certify
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.targets import Target, TipPosition

@@ -18,10 +18,9 @@ from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.limits import checked_limits
-from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
-from octoplan.planner.planning_problem import PlanningProblem, planned_scene
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem, planned_scene
 from octoplan.planner.solution import Solution
 from octoplan.planner.targets.base import Target
 

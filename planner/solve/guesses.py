@@ -25,9 +25,9 @@ from octoplan.model.rod.collocation import MAGNUS4
 from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
 from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, natural_tensions
-from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import factorised, tension_scales
+from octoplan.planner.solution import NlpSolution
 from octoplan.planner.targets.target_set import TargetTerms
 
 # Number of conditions of a point, which arms meet in many ways.

@@ -25,10 +25,10 @@ import numpy as np
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.progress import OutOfTime, check_time
-from octoplan.planner.nlp_options import Mode
-from octoplan.planner.nlp_solution import NlpSolution, SolverResult
+from octoplan.planner.planning_problem import Mode
 from octoplan.planner.problem import Bounds, Problem
 from octoplan.planner.program import Nlp, Program
+from octoplan.planner.solution import NlpSolution, SolverResult
 
 LOG = logging.getLogger(__name__)
 # Held by the thread whose solver writes to the standard output, which all threads share.

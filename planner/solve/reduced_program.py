@@ -2,7 +2,7 @@
 
 By the implicit function theorem, states and dependents S of blocks change with tensions and
 decisions a by dS = - c_S^-1 c_a da, where c(a, S) = 0 are the equations (see
-octoplan.planner.nlp_solution). With Z = da/da on top of dS/da, the reduced gradient of a function
+octoplan.planner.solution). With Z = da/da on top of dS/da, the reduced gradient of a function
 is Z' times the gradient, and the reduced Hessian of the Lagrangian is Z' H Z.
 
 An elastic quadratic program gives a step; it always has a solution. Source: Fletcher, "Practical

@@ -26,8 +26,8 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, OctoplanError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.nlp_solution import KKT_TOLERANCE, NlpSolution
 from octoplan.planner.problem import Bounds, Problem
+from octoplan.planner.solution import KKT_TOLERANCE, NlpSolution
 from octoplan.planner.solve.ipopt import OBJECTIVE_SCALE, solve
 
 # Largest number of corrections of a program: by defects, on finer meshes, for other least stable

@@ -20,11 +20,9 @@ from octoplan.model.loads import has_unique_equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.block import Block
-from octoplan.planner.nlp_options import Mode
-from octoplan.planner.nlp_solution import NlpSolution
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import Mode, PlanningProblem
 from octoplan.planner.problem import SEARCH_WEIGHT, Problem
-from octoplan.planner.solution import Solution, Trial, n_equal_optima
+from octoplan.planner.solution import NlpSolution, Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import POINT
 from octoplan.planner.solve.ipopt import Purpose, solve
 from octoplan.planner.solve.refine import COARSE_RTOL, refine

@@ -26,7 +26,7 @@ from octoplan.planner.limits import TendonLimits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import SEARCH_WEIGHT, Problem, tension_scales
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
-from octoplan.planner.targets.target_rows import EQUALITY, INEQUALITY
+from octoplan.planner.targets.target_set import EQUALITY, INEQUALITY
 
 # Number of sampled shapes without loads. At most half of them are corners of the box of tensions:
 # 512 have all corners of eight tendons.

@@ -38,8 +38,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.block import Constraints
-from octoplan.planner.nlp_options import Mode
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import Mode, PlanningProblem
 from octoplan.planner.problem import FINAL_WEIGHT, Problem
 from octoplan.planner.solution import Solution
 from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses

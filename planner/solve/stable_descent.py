@@ -29,8 +29,8 @@ from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.linearised_blocks import STABILITY, LeastMode
-from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.problem import SEARCH_WEIGHT, Problem
+from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.reduced_program import ReducedProgram, elastic_step
 from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS

@@ -1,9 +1,10 @@
-"""The targets of a planning problem together: stations, parameters and stacked terms."""
+"""The targets of a planning problem together: stations, stacked terms, and rows of the program."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -15,11 +16,21 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BufferedFunction
+from octoplan.planner.block import Block, Parts, ProgramView, Rows
 from octoplan.planner.targets.base import ComplianceRequest, Target, Terms, View
 
+# Kinds of rows.
+EQUALITY = "equality"
+INEQUALITY = "inequality"
 # Weights of equalities, and of the slacks of inequalities, of high and of low priority.
 HIGH_PRIORITY = 1e2
 LOW_PRIORITY = 2e-4
+# Priorities of the inequalities that have a slack.
+_WITH_SLACK: dict[str, tuple[float, ...]] = {
+    "exact": (),
+    "closest": (LOW_PRIORITY,),
+    "nearest": (LOW_PRIORITY, HIGH_PRIORITY),
+}
 # Kinds of terms, in the order of the results of `TargetTerms.function`.
 KINDS = ("equality", "soft_residual", "inequality", "objective")
 # CasADi functions whose serialised text states the whole computation. Other functions call Python
@@ -237,6 +248,85 @@ class TargetTerms:
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+
+@dataclass(frozen=True)
+class TargetRows(Block):
+    """The target rows of the program; the decisions are the slacks s of the relaxed modes.
+
+    exact      equality = 0,  soft residual = 0,  inequality >= 0
+    closest    equality = 0,  inequality + s >= 0 for inequalities of low priority;
+               minimise |soft residual|^2 + |weight s|^2
+    nearest    inequality + s >= 0;
+               minimise |weight equality|^2 + |soft residual|^2 + |weight s|^2
+
+    Attributes
+    ----------
+    terms : TargetTerms
+    at : tuple of float
+        Stations of the targets [m].
+    mode : "exact", "closest" or "nearest"
+    numbers : (n,)
+        Parameters of the targets.
+    """
+
+    terms: TargetTerms
+    at: tuple[float, ...]
+    mode: str
+    numbers: Array = field(compare=False)
+
+    @classmethod
+    def of(cls, targets: TargetSet, mode: str) -> TargetRows:
+        """Return the rows of targets in a mode."""
+        return cls(targets.terms, targets.stations, mode, targets.numbers)
+
+    @property
+    def with_slack(self) -> list[int]:
+        """The inequalities that have a slack."""
+        weights = self.terms.inequality_weights
+        return np.flatnonzero(np.isin(weights, _WITH_SLACK[self.mode])).tolist()
+
+    @property
+    def n_decisions(self) -> int:
+        """See Block."""
+        return len(self.with_slack)
+
+    @property
+    def n_parameters(self) -> int:
+        """See Block."""
+        return int(self.terms.function.numel_in(1))
+
+    def parameters(self) -> Array:
+        """Return the parameters of the targets."""
+        return self.numbers
+
+    def slack_rows(self) -> tuple[str, list[int]]:
+        """See Block."""
+        return INEQUALITY, self.with_slack
+
+    def stations(self) -> tuple[float, ...]:
+        """See Block."""
+        return self.at
+
+    def parts(self, view: ProgramView) -> Parts:
+        """Return the rows, misses and objectives of the mode."""
+        poses = ca.horzcat(ca.MX(7, 0), *(view.poses[s] for s in self.at))
+        expressions = self.terms.function(poses, view.parameters, view.compliances)
+        equality, soft_residual, inequality, objective = expressions
+        some = self.with_slack
+        inequality += ca.DM.eye(inequality.numel())[:, some] @ view.decisions
+        if self.mode == "exact":
+            rows = [Rows(EQUALITY, ca.vertcat(equality, soft_residual), 0.0, 0.0)]
+            return Parts([*rows, Rows(INEQUALITY, inequality)], objectives=[objective])
+        rows = [Rows(INEQUALITY, inequality)]
+        misses = [soft_residual]
+        if self.mode == "closest":
+            rows.insert(0, Rows(EQUALITY, equality, 0.0, 0.0))
+            misses.append(view.decisions)
+        else:
+            misses.append(ca.DM(self.terms.equality_weights) * equality)
+            misses.append(ca.DM(self.terms.inequality_weights[some]) * view.decisions)
+        return Parts(rows, misses, [objective])
 
 
 def _text(function: ca.Function) -> object:

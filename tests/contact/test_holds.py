@@ -17,8 +17,7 @@ from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.extensions.contact.search import COARSE, presses_against, with_growing_wrench
 from octoplan.planner.frontends.io.saved_files import load_plan
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from tests.contact.cases import bar
 from tests.contact.queries import query
 from tests.core.planner.cases import changed

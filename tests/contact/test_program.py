@@ -14,8 +14,7 @@ from octoplan.planner.extensions.contact.optimum import steered
 from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.extensions.contact.search import FINE
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar
 

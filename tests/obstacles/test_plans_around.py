@@ -21,9 +21,8 @@ from octoplan.planner.extensions.avoidance.around import line_of
 from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.outcome import verdict
-from octoplan.planner.planning_problem import Environment, PlanningProblem
+from octoplan.planner.planning_problem import Environment, NlpOptions, PlanningProblem
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.core.planner.cases import changed
 from tests.oracles import Array

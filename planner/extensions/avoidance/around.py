@@ -29,10 +29,8 @@ from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avo
 from octoplan.planner.extensions.avoidance.surroundings import allows, in_the_way
 from octoplan.planner.extensions.base_joints.lines import MovingLines
 from octoplan.planner.extensions.base_joints.placement import JointPlacement
-from octoplan.planner.nlp_options import Mode
-from octoplan.planner.nlp_solution import NlpSolution
-from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.solution import Solution, Trial
+from octoplan.planner.planning_problem import Mode, PlanningProblem
+from octoplan.planner.solution import NlpSolution, Solution, Trial
 from octoplan.planner.solve.guesses import drawn_arms
 from octoplan.planner.solve.refine import CORRECTIONS, refine
 from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, RelaxationStage

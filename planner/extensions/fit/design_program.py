@@ -33,10 +33,9 @@ from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, O
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.nlp_solution import SolverResult
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Bounds, Problem, tension_scales
+from octoplan.planner.solution import SolverResult
 from octoplan.planner.solve.ipopt import SIDE_BY_SIDE, WARM
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.target_set import TargetSet

@@ -26,7 +26,7 @@ from octoplan.planner.extensions.tracking.step_program import (
 )
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.refine import defect
-from octoplan.planner.targets.target_rows import EQUALITY, INEQUALITY, TargetRows
+from octoplan.planner.targets.target_set import EQUALITY, INEQUALITY, TargetRows
 
 # Difference of the stability from its margin below which the margin is a row of the program [-].
 _NEAR_MARGIN = 0.1

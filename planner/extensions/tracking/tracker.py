@@ -35,10 +35,10 @@ from octoplan.planner.extensions.tracking.tracked_step import TrackedStep
 from octoplan.planner.extensions.trajectory.question import Rates
 from octoplan.planner.extensions.warm_start import jump
 from octoplan.planner.limits import natural_tensions
-from octoplan.planner.nlp_solution import STABILITY_TOLERANCE
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.problem import Problem
+from octoplan.planner.solution import STABILITY_TOLERANCE
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.target_set import TargetSet
 

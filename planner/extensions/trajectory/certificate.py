@@ -14,13 +14,11 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report
 from octoplan.model.support.text import HtmlRepr, to_text
-from octoplan.planner.certificate import Certificate, Optimality
-from octoplan.planner.certification import certify, tension_excess
+from octoplan.planner.certificate import Certificate, Optimality, certify, tension_excess
 from octoplan.planner.extensions.trajectory.clear import between, strokes_between
 from octoplan.planner.extensions.trajectory.question import Question
 from octoplan.planner.extensions.trajectory.time_law import Timed, fastest_pace
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.targets.base import Target
 
 # Tolerance of rates and accelerations of strokes and tip, over the limits, because evaluations are

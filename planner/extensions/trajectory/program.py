@@ -28,9 +28,9 @@ from octoplan.planner.extensions.base_joints.block import JointBlock
 from octoplan.planner.extensions.base_joints.placement import JointPlacement
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
-from octoplan.planner.nlp_solution import SolverResult
 from octoplan.planner.problem import Problem, tension_scales
 from octoplan.planner.program import Program
+from octoplan.planner.solution import SolverResult
 from octoplan.planner.solve.ipopt import SIDE_BY_SIDE, WARM
 
 Indices = tuple[int, ...]

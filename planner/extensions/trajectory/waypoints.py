@@ -30,11 +30,10 @@ from octoplan.model.support.errors import CollapsedError, Described, InputError,
 from octoplan.model.support.progress import report, track
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.plan_result import Plan
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
+from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.refine import CORRECTIONS, SAFETY_FACTOR, collapse_defect, defect
 from octoplan.planner.solve.relaxation_stage import RelaxationStage

@@ -25,9 +25,9 @@ from octoplan.model.support.progress import ProgressLine, check_time
 from octoplan.planner.frontends.sweeps.points import Variable
 from octoplan.planner.frontends.sweeps.work import Point, Rows
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import effort
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
+from octoplan.planner.planning_problem import effort
 from octoplan.planner.solve.refine import refine
 from octoplan.planner.solve.relaxation_stage import RelaxationStage
 from octoplan.planner.targets.tip import TipPosition

@@ -12,7 +12,7 @@ from octoplan.model.paths import Array
 from octoplan.planner.frontends.sweeps.work import Rows
 from octoplan.planner.frontends.workspaces.gaps import Classified, is_in_hull
 from octoplan.planner.frontends.workspaces.points import REACHED, WorkspaceJob
-from octoplan.planner.nlp_solution import KKT_TOLERANCE
+from octoplan.planner.solution import KKT_TOLERANCE
 
 # Effort over the median of tips nearby above which a plan is searched again in full [-], and the
 # number of tips nearby. The effort of local optima is often twice as large.

@@ -8,8 +8,7 @@ import pytest
 
 from octoplan.model import Arm, OctoplanError, Shape, settle
 from octoplan.planner import plan
-from octoplan.planner.certificate import COMPLEMENTARITY, Check, Optimality
-from octoplan.planner.certification import certify
+from octoplan.planner.certificate import COMPLEMENTARITY, Check, Optimality, certify
 from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
 from octoplan.planner.limits import Limits, TendonLimits
 from octoplan.planner.targets import TipPosition

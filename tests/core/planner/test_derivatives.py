@@ -25,8 +25,7 @@ from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import plan
 from octoplan.planner.limits import Limits, TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.targets import Backbone, TipPosition
 from tests.differences import Array, all_of, check_derivatives, dense, whole

@@ -18,8 +18,7 @@ from octoplan import (
 )
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.reduced_program import ReducedProgram, elastic_step
 from octoplan.planner.solve.stable_descent import descend

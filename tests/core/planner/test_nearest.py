@@ -13,8 +13,7 @@ from octoplan.model.effects import ExactTendons, Extension, Shear, Weight
 from octoplan.model.paths import Array
 from octoplan.planner import plan
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.relaxation_stage import solve_from_guess
 from octoplan.planner.solve.samples import fitted, sample, spread

@@ -13,7 +13,7 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.arm import conical
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.nlp_solution import NlpSolution
+from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve import relaxation_stage
 from octoplan.planner.solve.refine import refine
 from octoplan.planner.targets import Backbone, Bend, Fetch, TipPose, TipPosition

@@ -11,8 +11,7 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.targets import TipPosition
 from tests.differences import check_derivatives, whole

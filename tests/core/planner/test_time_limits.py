@@ -140,7 +140,7 @@ def test_a_limit_holds_until_all_is_read(name: str, seconds: int, clock: SimpleN
 
 
 @pytest.mark.parametrize(
-    "what", ["planner.certification._integrated", "planner.extensions.avoidance.checks.clearances"]
+    "what", ["planner.certificate._integrated", "planner.extensions.avoidance.checks.clearances"]
 )
 def test_a_slow_certificate_is_told_as_not_certified(
     what: str, monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
@@ -161,7 +161,7 @@ def test_a_slow_certificate_is_told_as_not_certified(
 def test_a_slow_load_factor_is_left_out(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
-    monkeypatch.setattr("octoplan.planner.certification._load_factor", endless)
+    monkeypatch.setattr("octoplan.planner.certificate._load_factor", endless)
     p = plan(ARM, TIP, WATER, 20.0, time_limit=1e4)
     assert p.reached
     assert p.certificate.load_factor is None
@@ -188,7 +188,7 @@ def test_a_loaded_plan_is_certified_within_its_limit(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace, tmp_path: Path
 ) -> None:
     path = PLANS["paper"]().save(tmp_path / "plan.json")
-    monkeypatch.setattr("octoplan.planner.certification._integrated", endless)
+    monkeypatch.setattr("octoplan.planner.certificate._integrated", endless)
     p = load_plan(path, time_limit=100)
     assert clock.seconds <= 120
     assert p.certificate.problem == OUT_OF_TIME

@@ -10,8 +10,7 @@ from octoplan.model.effects import Current, Extension, Shear, TipLoad
 from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
 from tests.core.stiffness.cases import IN_WATER, Array, pulling
