@@ -80,8 +80,8 @@ class CrossSection(ABC):
         """Return the wrench of a tendon per newton of tension; `name` marks intermediates."""
 
     @abstractmethod
-    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """Return the tangent c (3,) along which a tendon pulls."""
+    def tangent(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
+        """Return the tangent c (3,) along which a tendon pulls; `name` marks intermediates."""
 
     def tendon_rate(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """Return the derivative along s (3,) of the curve that a tendon runs along."""
@@ -178,10 +178,10 @@ class PaperSection(CrossSection):
         moment = ca.vertcat((nn + bb) * tau + turn, bb * xi - nb * k + b, nn * k - nb * xi - n)
         return moment, ca.vertcat(T + b * xi - n * k, n_rate - tau * b, b_rate + tau * n)
 
-    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
+    def tangent(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tangent: c = t + Y' + omega x Y."""
         Y, Y_rate = offset(path)
-        return ca.SX([1, 0, 0]) + Y_rate + ca.cross(split(self, v)[0], Y)
+        return name(ca.SX([1, 0, 0]) + Y_rate + ca.cross(split(self, v)[0], Y))
 
     def tendon_rate(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tendon_rate: u_c' of eq. (6), which differs from the tangent c."""
@@ -218,11 +218,11 @@ class EnergySection(CrossSection):
         """Return the width of a section relative to rest: 1 for a rigid section."""
         return ca.SX(1)
 
-    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
+    def tangent(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tangent: c = nu + w (Y' + kappa x Y) with the width w."""
         kappa, nu = self.twist(v)
-        w = self.width(nu[0])
-        return self.tangent_of_bend(w * kappa, nu, w, path)
+        w = name(self.width(nu[0]))
+        return name(self.tangent_of_bend(w * kappa, nu, w, path))
 
     def tangent_of_bend(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
         """Return the tangent of a tendon, a linear function of bend = w kappa (3,)."""
@@ -253,10 +253,10 @@ class EnergySection(CrossSection):
         width = self.width(nu[0])
         c = self.tangent_of_bend(w * kappa, nu, w, path)
         jacobian = ca.jacobian(c, at) + ca.jacobian(c, w) @ ca.jacobian(width, at)
-        here = [v, name(ca.substitute(width, at, v))]
-        tangent, jacobian = (ca.substitute([f], [at, w], here)[0] for f in (c, jacobian))
-        tangent = name(tangent)
-        return jacobian.T @ (tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
+        here = [v, name(self.width(self.twist(v)[1][0]))]
+        jacobian = ca.substitute([jacobian], [at, w], here)[0]
+        tangent = self.tangent(v, path, name)
+        return jacobian.T @ name(tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
 
 
 @dataclass(frozen=True)

@@ -126,14 +126,12 @@ class TendonFriction(RodTerm):
         return ca.exp(-tendon.load_factor * tendon.parameters["signed_mu"] * tendon.states[0])
 
     def tendon_state_rate(self, law: CrossSection, tendon: TendonView) -> ca.SX:
-        """Return theta' = |d(c/|c|)/ds| in the base frame [rad/m]."""
-        c = law.tangent(tendon.strains, tendon.path)
-        c_rate = _along(c, tendon)
-        length = ca.norm_2(c)
-        unit = c / length
-        c_rate = c_rate / length
-        across = c_rate - unit * ca.dot(unit, c_rate)
-        return norm(across + ca.cross(law.twist(tendon.strains)[0], unit))
+        """Return theta' = |d(c/|c|)/ds| = |c x c'| / |c|^2 with c' in the base frame [rad/m]."""
+        rates = _Rates(tendon)
+        c = law.tangent(tendon.strains, tendon.path, rates.define)
+        kappa, _ = law.twist(tendon.strains)
+        c_rate = tendon.define(rates.along(c) + ca.cross(kappa, c))
+        return norm(ca.cross(c, c_rate)) / ca.sumsqr(c)
 
     def tendon_jump(
         self,
@@ -166,10 +164,13 @@ class TendonFriction(RodTerm):
         return by_strains + ca.jtimes(wrench, section.body, section.body_rate)
 
     def tendon_equations(self, law: CrossSection, tendon: TendonView) -> ca.SX:
-        """Return d/ds [T tendon(v)] / T = d/ds tendon(v) - direction mu theta' tendon(v)."""
-        wrench = law.tendon(tendon.strains, tendon.path)
-        decay = tendon.load_factor * tendon.parameters["signed_mu"] * tendon.state_rates[0]
-        return _along(wrench, tendon) - decay * tendon.wrench
+        """Return d/ds tendon(v), the share of T in d/ds [T tendon(v)]."""
+        rates = _Rates(tendon)
+        return rates.along(law.tendon(tendon.strains, tendon.path, rates.define))
+
+    def tension_rate_equations(self, law: CrossSection, wrench: ca.SX) -> ca.SX:
+        """Return tendon(v), the share of T' in d/ds [T tendon(v)]."""
+        return wrench
 
     # Numbers
 
@@ -204,10 +205,28 @@ class TendonFriction(RodTerm):
         return np.asarray(rates + np.einsum("...pm,pmn->...pn", slopes, variables))
 
 
-def _along(expression: ca.SX, tendon: TendonView) -> ca.SX:
-    """Return d/ds of an expression of the strains and the path of a tendon."""
-    by_strains = ca.jtimes(expression, tendon.strains, tendon.variables)
-    return by_strains + ca.jtimes(expression, tendon.path, tendon.parameters["path_rate"])
+class _Rates:
+    """Derivatives along s of expressions of the strains and the path of a tendon."""
+
+    def __init__(self, tendon: TendonView) -> None:
+        self._define = tendon.define
+        path_rate = tendon.parameters["path_rate"]
+        self._known = [(tendon.strains, tendon.variables), (tendon.path, path_rate)]
+
+    def define(self, value: ca.SX) -> ca.SX:
+        """Define an intermediate and its derivative along s; return the intermediate."""
+        z = self._define(value)
+        is_known = any(z.shape == x.shape and ca.is_equal(z, x) for x, _ in self._known)
+        if z.is_valid_input() and not is_known:
+            self._known.append((z, self._define(self.along(value))))
+        return z
+
+    def along(self, value: ca.SX) -> ca.SX:
+        """Return d/ds of an expression, which may contain intermediates."""
+        rate = ca.SX(value.numel(), 1)
+        for x, x_rate in self._known:
+            rate += ca.jtimes(value, x, x_rate)
+        return rate
 
 
 def _unit_tangent_at_end(
@@ -220,7 +239,7 @@ def _unit_tangent_at_end(
     values, slopes = _hermite_weights(len(stages), end)
     strains = ca.horzcat(*(stage.strains for stage in stages)) @ ca.DM(values)
     rates = ca.horzcat(*(stage.variables for stage in stages)) @ ca.DM(slopes)
-    c = law.tangent(strains + h * rates, stages[0].path)
+    c = law.tangent(stages[0].define(strains + h * rates), stages[0].path)
     return c / ca.norm_2(c)
 
 

@@ -22,7 +22,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.mesh import Counts, Mesh, Stations
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
-from octoplan.model.rod.kernels import Places
+from octoplan.model.rod.kernels import Name, Places
 from octoplan.model.support.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,11 +104,11 @@ class TendonView:
         Tendon parameters of the term, by name.
     load_factor : scalar
         See SectionView.
-    states, state_rates : (n_tendon_states,)
-        States of the tendon that belong to the term, and their derivatives along s; defined in
-        `tension_ratio` (the states alone) and `tendon_equations`.
-    wrench : (n_strains,)
-        Wrench of the tendon per newton of its tension; defined in `tendon_equations`.
+    states : (n_tendon_states,)
+        States of the tendon that belong to the term; defined in `tension_ratio` alone.
+    define : function
+        Marks intermediates of expressions, see octoplan.model.rod.kernels.
+        `tendon_state_rate` and `tendon_equations` share equal intermediates.
     """
 
     strains: ca.SX
@@ -117,8 +117,7 @@ class TendonView:
     parameters: Symbols
     load_factor: ca.SX = field(default_factory=_undefined(1))
     states: ca.SX = field(default_factory=_undefined(1))
-    state_rates: ca.SX = field(default_factory=_undefined(1))
-    wrench: ca.SX = field(default_factory=_undefined(6))
+    define: Name = ca.densify
 
 
 @dataclass(frozen=True)
@@ -389,7 +388,14 @@ class RodTerm:
         return ca.SX(self.n_stage_variables(law), 1)
 
     def tendon_equations(self, law: CrossSection, tendon: TendonView) -> ca.SX:
-        """Return the share (n_stage_variables,) of one tendon per newton of its tension."""
+        """Return the share (n_stage_variables,) of one tendon per newton of its tension T."""
+        return ca.SX(self.n_stage_variables(law), 1)
+
+    def tension_rate_equations(self, law: CrossSection, wrench: ca.SX) -> ca.SX:
+        """Return the share (n_stage_variables,) of one tendon per unit of T' [N/m].
+
+        `wrench` (n_strains,) is the wrench of the tendon per newton of its tension.
+        """
         return ca.SX(self.n_stage_variables(law), 1)
 
     def node_equations(self, node: NodeView) -> ca.SX:

@@ -116,31 +116,50 @@ def tendon_in_element(structure: RodStructure) -> Kernel:
     law = structure.law
     method = gauss(structure.stages)
     intermediates = Intermediates()
+    of_stages = [Intermediates() for _ in range(structure.stages)]
+    views = [
+        [replace(x.view(i, stage), define=inner.define_once) for i in _terms(structure)]
+        for stage, inner in enumerate(of_stages)
+    ]
     rates = [
-        intermediates.define(state_rates(structure, [x.view(i, stage) for i in _terms(structure)]))
-        for stage in range(structure.stages)
+        intermediates.define(state_rates(structure, view), inner)
+        for view, inner in zip(views, of_stages, strict=True)
     ]
     rows = []
-    for stage in range(structure.stages):
+    for stage, inner in enumerate(of_stages):
         states = x.y + x.h * weighted_sum(method.a[stage], rates)
-        views = [
-            replace(
-                x.view(i, stage),
-                states=states[structure.state_slices[i]],
-                state_rates=rates[stage][structure.state_slices[i]],
-            )
-            for i in _terms(structure)
+        T, T_rate = _tension(structure, views[stage], x.T, states, rates[stage])
+        T = intermediates.define(T)
+        T_rate = intermediates.define(T_rate)
+        wrench = law.tendon(x.v[:, stage], x.path[:, stage], inner.define_once)
+        extended = [
+            (term, view)
+            for term, view in zip(structure.terms, views[stage], strict=True)
+            if term.n_stage_variables(law)
         ]
-        T = intermediates.define(x.T * tension_ratio(structure, views))
-        wrench = intermediates.define(law.tendon(x.v[:, stage], x.path[:, stage]))
-        rows.append(T * wrench)
-        for term, view in zip(structure.terms, views, strict=True):
-            if term.n_stage_variables(law):
-                share = term.tendon_equations(law, replace(view, wrench=wrench))
-                rows.append(T * intermediates.define(share))
+        shares = [term.tendon_equations(law, view) for term, view in extended]
+        defined = intermediates.define(ca.vertcat(wrench, *shares), inner)
+        wrench = defined[: structure.n_strains]
+        of_rate = [term.tension_rate_equations(law, wrench) for term, _ in extended]
+        rows.append(T * defined + T_rate * ca.vertcat(ca.SX(structure.n_strains, 1), *of_rate))
     rows.append(x.y_next - x.y - x.h * weighted_sum(method.b, rates))
     residuals = ca.vertcat(*rows)
     return Kernel("tendon_in_element", x.unknowns, x.parameters, residuals, intermediates)
+
+
+def _tension(
+    structure: RodStructure, views: list[TendonView], T: ca.SX, states: ca.SX, rates: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Return the tension at a stage and its derivative along s, from the tension at the motor."""
+    y = ca.SX.sym("y", structure.n_tendon_states)
+    at = [
+        replace(view, states=y[part])
+        for view, part in zip(views, structure.state_slices, strict=True)
+    ]
+    tension = T * tension_ratio(structure, at)
+    rate = ca.jtimes(tension, y, rates)
+    tension, rate = ca.substitute([tension, rate], [y], [states])
+    return tension, rate
 
 
 def state_rates(structure: RodStructure, views: list[TendonView]) -> ca.SX:
@@ -168,11 +187,18 @@ def tendon_jump(structure: RodStructure) -> Kernel:
     after = ca.SX.sym("after", structure.n_stage, structure.stages)
     h = ca.SX.sym("h", 2)
     paths = [ca.SX.sym(f"path_{side}", 4) for side in ("before", "after")]
+    intermediates = Intermediates()
     jumps = []
     for i, term in enumerate(structure.terms):
         views_before, views_after = (
             [
-                TendonView(v[: structure.n_strains], v[structure.variable_slices[i]], path, {})
+                TendonView(
+                    strains=v[: structure.n_strains],
+                    variables=v[structure.variable_slices[i]],
+                    path=path,
+                    parameters={},
+                    define=intermediates.define,
+                )
                 for v in ca.horzsplit(side)
             ]
             for side, path in zip((before, after), paths, strict=True)
@@ -180,7 +206,7 @@ def tendon_jump(structure: RodStructure) -> Kernel:
         jumps.append(term.tendon_jump(structure.law, views_before, views_after, h))
     y = ca.vertcat(ca.vec(before), ca.vec(after))
     parameters = {"h": h, "path_before": paths[0], "path_after": paths[1]}
-    return Kernel("tendon_jump", y, parameters, -ca.vertcat(*jumps))
+    return Kernel("tendon_jump", y, parameters, -ca.vertcat(*jumps), intermediates)
 
 
 def idle_tendon() -> Kernel:
