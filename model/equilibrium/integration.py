@@ -155,7 +155,8 @@ class Integration:
         begin[:, wrenches] = self._system.wrenches_beyond(self._x)[self._elements]
         for _ in range(_PASSES):
             self._linearise(v)
-            y, result = begin, np.empty_like(v)
+            y = begin
+            result = np.empty_like(v)
             for step, strains in enumerate(result):
                 y = SCHEME.step(partial(self._rate, step, strains), y, self._h)
             if known is not None:
@@ -172,7 +173,8 @@ class Integration:
         """Linearise the law of all cross-sections about strains (..., P, n)."""
         sections = self._sections
         flat = v.reshape(-1, v.shape[-1])
-        place, tendon = sections.place, sections.tendon
+        place = sections.place
+        tendon = sections.tendon
         tensions = tendon_tensions(self._system, self._x, sections.s, place, tendon)
         at = sections.balance(flat, tensions)
         self._v = v
@@ -290,14 +292,16 @@ def _whole(system: DiscreteRod, substeps: int) -> _Known:
 
 def _known(system: DiscreteRod, substeps: int, elements: Places, reach: Array) -> _Known:
     """Return the known quantities of parts of elements."""
-    arm, scene, mesh, structure = system.arm, system.scene, system.mesh, system.layout.structure
+    arm = system.arm
+    mesh = system.mesh
+    structure = system.layout.structure
     share = (np.arange(substeps)[:, None] + _SAMPLES)[:, :, None] / substeps * reach
     s = mesh.s[elements] + share * np.diff(mesh.s)[elements]
     s = mesh.inside(np.broadcast_to(elements, s.shape), s).ravel()
     active = np.broadcast_to(mesh.active[elements], share.shape).ravel()
     end = np.broadcast_to(mesh.s[1:][elements], share.shape).ravel()
-    sections = Sections(arm, scene, structure.law, s, active, structure.machine_code)
-    dead = dead_resultant(arm, scene, s, end).T.reshape(*share.shape, 3)
+    sections = Sections(arm, system.scene, structure.law, s, active, structure.machine_code)
+    dead = dead_resultant(arm, system.scene, s, end).T.reshape(*share.shape, 3)
     points = RodPoints(arm, sections.stations, system.terms)
     uniform = {
         name: np.repeat(value[:, None], s.size, axis=1)
@@ -399,10 +403,11 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     """Return the tensions (P,) at P crossings: tendon[i] at the arc length s[place[i]]."""
     T = x[tendon]
     layout = at.layout
-    known = x[layout.n_before_states :], float(x[layout.n_tendons])
+    states = x[layout.n_before_states :]
+    load = float(x[layout.n_tendons])
     for terms, groups in zip(at.node_terms, layout.node_variables, strict=True):
         for term, places in zip(terms, groups, strict=True):
-            T = T * term.tension_factors(known[0][places], known[1], at.mesh, s[place], tendon)
+            T = T * term.tension_factors(states[places], load, at.mesh, s[place], tendon)
     structure = layout.structure
     if not structure.n_tendon_states:
         return np.asarray(T)
@@ -414,8 +419,8 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     parameters = structure.stacked("tendon", values, stage.size)
     inside = np.hstack(
         [
-            x[layout.n_before_states + layout.stages],
-            *(x[layout.n_before_states + v] for v in layout.stage_variables),
+            states[layout.stages],
+            *(states[places] for places in layout.stage_variables),
         ]
     )
     function = cached(state_rate_function, structure)
@@ -430,12 +435,12 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     powers = np.arange(1, m + 1)
     weights = h[element, None] * (share[:, None] ** powers / powers @ gauss(m).powers)
     grown = np.einsum("pm,pmk->pk", weights, rates[element, :, tendon])
-    states = x[layout.n_before_states + layout.tendon_states[element, tendon]] + grown
+    tendon_states = states[layout.tendon_states[element, tendon]] + grown
     there = stations(at.arm, s, at.mesh.active[element_of_s])
     values = tendon_values(RodPoints(at.arm, there, at.terms), place, tendon)
     ratio = _batch(cached(tension_ratio_function, structure), structure)(
-        states,
-        np.full((len(states), 1), x[layout.n_tendons]),
+        tendon_states,
+        np.full((len(tendon_states), 1), load),
         structure.stacked("tendon", values, tendon.size),
     )[0]
     return np.asarray(T * ratio[:, 0])

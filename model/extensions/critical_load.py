@@ -1,4 +1,4 @@
-"""How much more of its loads an arm bears."""
+"""The critical load factor of an arm."""
 
 from __future__ import annotations
 
@@ -51,10 +51,12 @@ def critical_load_factor(
     InputError
         For a scene without loads, and as settle does.
     """
-    scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
+    scene = checked_scene(arm, scene)
+    accuracy = checked_accuracy(accuracy)
     if not is_loaded(arm, scene):
         raise InputError("scene", scene.effects, "a scene with loads")
-    T, most = arm.flat(tensions), positive("most", most)
+    T = arm.flat(tensions)
+    most = positive("most", most)
 
     def end(refinement: int) -> BranchEnd:
         """Return the end of the branch on the mesh of a refinement, four times as accurate."""

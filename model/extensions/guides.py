@@ -117,8 +117,8 @@ class GuideTerm(RodTerm):
         unknowns = np.vstack([unknowns, load, places.n_before_states + theta])
         # Spans of one tendon are consecutive.
         after = np.flatnonzero(np.diff(tendon[0]) == 0) + 1
-        begins = first[after - 1], first[after], last[after]
-        poses = np.vstack([places.nodes[each, :POSE].T for each in begins])
+        guides = (first[after - 1], first[after], last[after])
+        poses = np.vstack([places.nodes[each, :POSE].T for each in guides])
         bent = np.vstack([poses, theta[after - 1], theta[after]])
         at_guides = places.variables[list(places.acting)].ravel()
         none = np.setdiff1d(at_guides, theta[after])[None]

@@ -46,7 +46,9 @@ class SectionView:
     """Symbols of the cross-section at a stage of an element, for one term.
 
     Vectors are in the frame of the first node of the element unless stated otherwise; `from_base`
-    rotates vectors from the base frame to this frame.
+    rotates vectors from the base frame to this frame. The view contains no position: loads per
+    length depend on orientations and strains only, because the stability test omits derivatives by
+    positions.
 
     Attributes
     ----------

@@ -127,7 +127,10 @@ class LeastEnergy:
     """
 
     def __init__(self, system: DiscreteRod) -> None:
-        self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
+        self.system = system
+        arm = system.arm
+        scene = system.scene
+        mesh = system.mesh
         structure = system.layout.structure
         m = structure.stages
         L = arm.length
@@ -135,7 +138,7 @@ class LeastEnergy:
         if not isinstance(law, EnergySection):
             law = ExactSection(law.extension, law.torsion, law.shear, law.curved)
         kinematics = RodStructure(law, m, has_moment=False)
-        self.layout = of = layout(kinematics, system.layout.ends, mesh.steps)
+        self.layout = layout(kinematics, system.layout.ends, mesh.steps)
         levers = [each for each in scene.rod_terms if isinstance(each, PointForceTerm)]
         levers = [each for each in levers if each.offset]
         self._lever_nodes = tuple(node for each in levers for node in each.nodes(mesh))
@@ -149,15 +152,15 @@ class LeastEnergy:
         represented = all(isinstance(each, kinds) for each in scene.rod_terms)
         self.conservative = law == structure.law and is_conservative(scene) and represented
         self.force_unit = F = arm.bending_force
-        self._unit = np.ones(of.n_states)
-        self._unit[of.nodes[:, 4:]] = L
-        self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L
+        self._unit = np.ones(self.layout.n_states)
+        self._unit[self.layout.nodes[:, 4:]] = L
+        self._unit[self.layout.stages[:, : 2 + law.torsion]] = 1 / L
         at = stations(arm, system.s, np.repeat(mesh.active, m))
-        self._stage, self._tendon = of.crossings
+        self._stage, self._tendon = self.layout.crossings
         self._h = np.diff(mesh.s)[None] / L
         self._weights = np.outer(self._h, gauss(m).b).ravel()
-        stiff = [F, *[F * L**2] * 3, F, *[1 / L] * (2 * law.curved)]
-        self._body = body_parameters(arm, scene, at) / np.array(stiff)[:, None]
+        unit_of_body = np.repeat([F, F * L**2, F, 1 / L], [1, 3, 1, 2 * law.curved])
+        self._body = body_parameters(arm, scene, at) / unit_of_body[:, None]
         self._paths = tendon_paths(arm, at, self._stage, self._tendon) / np.array(
             [[L], [L], [1], [1]]
         )
@@ -207,10 +210,11 @@ class LeastEnergy:
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
         """Return the initial guess for strains of the equations' law (N stages, strains)."""
-        law, values = self.layout.structure.law, self.system.layout.structure.law
-        return self._at(
-            strains if law == values else strains_of(law, reported(values, strains)), tensions
-        )
+        law = self.layout.structure.law
+        law_of_system = self.system.layout.structure.law
+        if law != law_of_system:
+            strains = strains_of(law, reported(law_of_system, strains))
+        return self._at(strains, tensions)
 
     def _at(self, v: Array, tensions: Array) -> Minimum:
         """Return the initial guess for strains of the energy's law (N stages, strains)."""
@@ -229,8 +233,9 @@ class LeastEnergy:
         return self._of_system(self._states(point)[self.layout.stages])
 
     def _of_system(self, v: Array) -> Array:
-        law, values = self.layout.structure.law, self.system.layout.structure.law
-        return v if law == values else strains_of(values, reported(law, v))
+        law = self.layout.structure.law
+        law_of_system = self.system.layout.structure.law
+        return v if law == law_of_system else strains_of(law_of_system, reported(law, v))
 
     def states(self, point: Minimum, load: float = 1.0) -> Array:
         """Return the states of the equilibrium equations (n_states,)."""
@@ -284,71 +289,99 @@ class LeastEnergy:
         load: float,
         winches: Winches | None,
     ) -> Minimum | None:
-        of, F, L, K = self.layout, self.force_unit, self.system.arm.length, len(self._bodies)
-        n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
-        held = np.zeros(nT, dtype=bool) if winches is None else winches.held
+        """Return the minimum of the energy at constant nonconservative forces; None on failure."""
+        F = self.force_unit
+        L = self.system.arm.length
+        K = len(self._bodies)
+        n = self.layout.n_states
+        n_tendons = self.layout.n_tendons
+        n_poses = POSE * self.layout.elements
+        held = np.zeros(n_tendons, dtype=bool) if winches is None else winches.held
         # Without compliance, antagonists with undetermined tensions would pull without bound.
-        given = np.zeros(nT) if winches is None else winches.stretch
+        given = np.zeros(n_tendons) if winches is None else winches.stretch
         stretch = np.where(held, given + least_compliance(self.system.arm), 0.0) * F / L
-        forces = (near.nonconservative * self._unit[of.stages]).T / F
-        energy = [
+        forces = (near.nonconservative * self._unit[self.layout.stages]).T / F
+        paths = np.vstack([self._paths, self._weights[self._stage]])
+        pulled_paths = np.vstack([self._paths, paths[-1] * tensions[self._tendon] / F])
+        span_tensions = tensions[[j for j, _, _ in self._spans]] / F
+        parameters = [
             np.vstack([self._weights, self._body, forces]),
-            np.vstack([self._paths, self._weights[self._stage] * tensions[self._tendon] / F]),
-            np.vstack([self._span_offsets, tensions[[j for j, _, _ in self._spans]] / F]),
+            pulled_paths,
+            np.vstack([self._span_offsets, span_tensions]),
             np.vstack([self._h, load * self._dead]),
             self._levers * np.repeat([1.0, load], 3)[:, None],
-            np.divide(1.0, stretch, out=np.zeros(nT), where=held),
+            np.divide(1.0, stretch, out=np.zeros(n_tendons), where=held),
+            self._h,
+            paths,
+            self._span_offsets,
         ]
-        paths = np.vstack([self._paths, self._weights[self._stage]])
-        rows = [self._h, paths, self._span_offsets]
         if K:
-            bodies = np.tile(self._bodies.T, of.elements)
+            bodies = np.tile(self._bodies.T, self.layout.elements)
             radii = np.repeat(outer_radii(self.system, self.strains(near)) / L, K)
-            rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
-        low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
-        low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
-        low[n:], high[n:] = np.where(held, -inf, 0.0), np.where(held, inf, 0.0)
-        lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
-        gaps, solver = np.zeros(of.elements * K), _solver(of, K, self._lever_nodes, self._spans)
-        g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
-        g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
-        p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
-        begin = near.x, p, low, high, g_low, g_high, np.zeros(n + nT), np.zeros(g_low.size)
-        x, _, _, _, lam, _ = (part.ravel() for part in solver(*begin))
+            parameters.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
+        base = base_pose(self.system.arm) / self._unit[:POSE]
+        free = np.full(n - POSE, np.inf)
+        elongations = np.where(held, np.inf, 0.0)
+        lengths = np.full(n_tendons, np.inf)
+        if winches is not None:
+            lengths[held] = winches.lengths[held] / L
+        gaps = np.zeros(self.layout.elements * K)
+        rows_low = np.concatenate([np.zeros(n_poses), np.full(n_tendons, -np.inf), gaps])
+        rows_high = np.concatenate([np.zeros(n_poses), lengths, gaps + np.inf])
+        solver = _solver(self.layout, K, self._lever_nodes, self._spans)
+        x, _, _, _, lam, _ = solver(
+            near.x,
+            np.concatenate([np.ravel(part, "F") for part in parameters]),
+            np.concatenate([base, -free, -elongations]),
+            np.concatenate([base, free, elongations]),
+            rows_low,
+            rows_high,
+            np.zeros(n + n_tendons),
+            np.zeros(rows_low.size),
+        )
         stats = solver.stats()
         LOG.debug(
             "least energy: %s after %d iterations", stats["return_status"], stats["iter_count"]
         )
         if stats["return_status"] not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
             return None
-        pulled = np.maximum(F * lam[poses : poses + nT], 0.0)
-        pressed = np.maximum(-F * lam[poses + nT :], 0.0).reshape(of.elements, K)
-        return replace(near, x=x, tensions=tensions + pulled, forces=pressed)
+        multipliers = lam.ravel()
+        pulls = np.maximum(F * multipliers[n_poses : n_poses + n_tendons], 0.0)
+        pressed = np.maximum(-F * multipliers[n_poses + n_tendons :], 0.0)
+        pressed = pressed.reshape(self.layout.elements, K)
+        return replace(near, x=x.ravel(), tensions=tensions + pulls, forces=pressed)
 
 
 @lru_cache(maxsize=32)
-def _solver(of: Layout, obstacles: int, levers: tuple[int, ...], spans: Spans) -> BufferedFunction:
+def _solver(
+    layout: Layout, obstacles: int, levers: tuple[int, ...], spans: Spans
+) -> BufferedFunction:
     """Return ipopt for a structure, with arguments x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0.
 
     The parameters p belong to the energy and to the constraints.
     """
-    f, g = potential_energy(of, levers, spans), held_rows(of, obstacles, spans)
-    z, p, lam = (
-        ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
-    )
-    sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
-    value, held = f.value.function(z, pf), g.value.function(z, pg)
+    f = potential_energy(layout, levers, spans)
+    g = held_rows(layout, obstacles, spans)
+    z = ca.MX.sym("z", f.n_x)
+    p = ca.MX.sym("p", f.n_p + g.n_p)
+    lam = ca.MX.sym("lam", g.n_g)
+    sigma = ca.MX.sym("sigma")
+    energy_parameters = p[: f.n_p]
+    row_parameters = p[f.n_p :]
+    value = f.value.function(z, energy_parameters)
+    rows = g.value.function(z, row_parameters)
 
-    def matrix(of: AssembledValue, *value: ca.MX) -> ca.MX:
-        return ca.MX(of.places, of.function(*value))
+    def matrix(value: AssembledValue, *arguments: ca.MX) -> ca.MX:
+        return ca.MX(value.places, value.function(*arguments))
 
     # The derivative functions also return the values, which cost less in the value functions.
-    (gradient, value_too), (J, held_too) = (
-        ca.horzsplit(matrix(of.jacobian, z, numbers), [0, f.n_x, f.n_x + 1])
-        for of, numbers in ((f, pf), (g, pg))
-    )
+    ends = [0, f.n_x, f.n_x + 1]
+    gradient, same_value = ca.horzsplit(matrix(f.jacobian, z, energy_parameters), ends)
+    J, same_rows = ca.horzsplit(matrix(g.jacobian, z, row_parameters), ends)
     gradient = ca.densify(gradient).T
-    H = ca.triu(matrix(f.hessian, z, pf, sigma) + matrix(g.hessian, z, pg, lam))
+    H = ca.triu(
+        matrix(f.hessian, z, energy_parameters, sigma) + matrix(g.hessian, z, row_parameters, lam)
+    )
     options: dict[str, Any] = {
         "print_time": False,
         "show_eval_warnings": False,
@@ -356,9 +389,9 @@ def _solver(of: Layout, obstacles: int, levers: tuple[int, ...], spans: Spans) -
         "no_nlp_grad": True,
         "error_on_fail": False,
         "grad_f": ca.Function(
-            "nlp_grad_f", [z, p], [value_too, gradient], ["x", "p"], ["f", "grad:f:x"]
+            "nlp_grad_f", [z, p], [same_value, gradient], ["x", "p"], ["f", "grad:f:x"]
         ),
-        "jac_g": ca.Function("nlp_jac_g", [z, p], [held_too, J], ["x", "p"], ["g", "jac:g:x"]),
+        "jac_g": ca.Function("nlp_jac_g", [z, p], [same_rows, J], ["x", "p"], ["g", "jac:g:x"]),
         "hess_lag": ca.Function(
             "nlp_hess_l",
             [z, p, sigma, lam],
@@ -369,7 +402,7 @@ def _solver(of: Layout, obstacles: int, levers: tuple[int, ...], spans: Spans) -
         "ipopt": _IPOPT,
     }
     return BufferedFunction(
-        ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": held}, options)
+        ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": rows}, options)
     )
 
 
