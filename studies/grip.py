@@ -13,20 +13,24 @@ ratio decreases. The curvature of the cylinder is 1 / rho, with the radius rho o
 the cylinder; E J is the bending stiffness. The grip is the sum of the normal forces. Friction, 0.3,
 acts from the ratio 0.95 on. The stiffness of the hold is the smallest stiffness against a
 displacement of the cylinder across its axis, at constant tension: an exact derivative of the
-equilibrium in which contacts slide if there is no friction, and stick otherwise. A row ends before
-the arm becomes unstable without friction, or if no equilibrium is found. The wrap of 360 degrees
-lies beside its own base; the arm is treated as if it could pass there.
+equilibrium in which contacts slide if there is no friction, and stick otherwise. A wrap ends before
+the arm becomes unstable without friction, or if no equilibrium is found; the summary reports the
+cause. The wrap of 360 degrees lies beside its own base; the arm is treated as if it could pass
+there. Each finished wrap is saved beside the figure, so that a stopped study resumes.
 
 Command: python -m studies.grip [--angles 90 180 270 360] [--ratios 1 0.95 0.9] [--out out]
+A reduced study: --angles 90 180 --ratios 1 0.85 0.7 0.55
 
 Answer: in studies/README.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -40,6 +44,7 @@ from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.contact.hold_stiffness import hold_stiffness
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array, Linear
+from octoplan.planner.frontends.io.files import atomic_write
 from studies.reporting import asked, keep_finished, lettered
 
 # Radius of the arm, distance of its tendons from the midline [m], and Young's modulus [Pa].
@@ -59,8 +64,9 @@ BENDING = 1
 # Friction coefficient of holds with friction, and the ratio of curvatures from which friction acts.
 FRICTION = 0.3
 FIRST_RUBBING = 0.95
-# Ratio of curvatures of the drawn shapes.
+# Ratio of curvatures, and number of points of the midline, of the drawn shapes.
 DRAWN = 0.7
+MIDLINE_POINTS = 201
 # Accuracy of shapes.
 ACCURACY = 1e-5
 STATICS = Scene(Extension(), ExactTendons())
@@ -71,39 +77,52 @@ HEAD = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Grip:
     """A hold of the cylinder.
 
     Attributes
     ----------
-    angle : float
-        Angle of the wrap [degree].
-    friction : float
-        Coefficient of friction.
     ratio : float
         Curvature of the cylinder over the curvature of the free arm.
     tension : float
         Tension of the tendon [N].
-    shape : Shape
+    grip : float
+        The sum of the normal forces over E J / rho^2.
+    stability : float
+        Smallest eigenvalue of the scaled Hessian of the energy.
+    stiffness : float
+        Smallest stiffness across the axis of the cylinder over E J / rho^3.
+    midline, points : list of [x, z]
+        Midline of the arm and contact points, over rho.
     """
 
-    angle: float
-    friction: float
     ratio: float
     tension: float
-    shape: Shape
+    grip: float
+    stability: float
+    stiffness: float
+    midline: list[list[float]]
+    points: list[list[float]]
 
-    @property
-    def normal_forces(self) -> Array:
-        """Normal forces (k,) on the cylinder [N], from base to tip."""
-        forces = [touch.force - touch.friction for touch in self.shape.contacts]
-        return np.linalg.norm(np.reshape(forces, (-1, 3)), axis=1)
-
-    @property
-    def grip(self) -> float:
-        """The sum of the normal forces over E J / rho^2."""
-        return float(self.normal_forces.sum()) * RHO**2 / EJ
+    @classmethod
+    def of(cls, ratio: float, tension: float, shape: Shape) -> Grip:
+        """Return the hold of a settled arm that touches the cylinder."""
+        normals = [touch.force - touch.friction for touch in shape.contacts]
+        across = np.ix_([0, 2], [0, 2])
+        matrix = hold_stiffness(shape, shape.contacts[0].obstacle)[across]
+        stiffness = float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
+        midline = shape.position(np.linspace(0.0, shape.arm.length, MIDLINE_POINTS))
+        points = np.array([touch.point for touch in shape.contacts])
+        return cls(
+            ratio,
+            tension,
+            float(np.linalg.norm(normals, axis=1).sum()) * RHO**2 / EJ,
+            float(shape.stability),
+            stiffness * RHO**3 / EJ,
+            (midline[:, ::2] / RHO).tolist(),
+            (points[:, ::2] / RHO).tolist(),
+        )
 
     @property
     def grip_of_arm(self) -> float:
@@ -111,15 +130,51 @@ class Grip:
         return self.grip * self.ratio**2
 
     @property
-    def may_hold(self) -> bool:
-        """Whether the equilibrium is stable; not tested if contacts stick."""
-        return self.friction > 0 or self.shape.stability > 0
+    def contact_angles(self) -> Array:
+        """The angles (k,) of the contact points around the cylinder [degree]."""
+        x, z = np.array(self.points).T
+        return np.asarray(np.degrees(np.arctan2(x, z + 1 + BASE_GAP)) % 360)
 
-    def stiffness(self) -> float:
-        """Return the smallest stiffness across the axis of the cylinder over E J / rho^3."""
-        across = np.ix_([0, 2], [0, 2])
-        matrix = hold_stiffness(self.shape, self.shape.contacts[0].obstacle)[across]
-        return float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0]) * RHO**3 / EJ
+
+@dataclass(frozen=True)
+class Wrapped:
+    """The holds by a wrap, for decreasing ratios of curvatures.
+
+    Attributes
+    ----------
+    angle : float
+        Angle of the wrap [degree].
+    friction : float
+        Coefficient of friction.
+    ratios : list of float
+        The ratios that were asked for.
+    holds : list of Grip
+    end : str
+        Cause of the end after the last hold; empty if no ratio is left.
+    arm : list of float
+        Constants of the study, see `constants`.
+    """
+
+    angle: float
+    friction: float
+    ratios: list[float]
+    holds: list[Grip]
+    end: str
+    arm: list[float]
+
+    @classmethod
+    def load(cls, entry: dict[str, Any]) -> Wrapped:
+        """Return the wrap of an entry of the saved file."""
+        return cls(**{**entry, "holds": [Grip(**hold) for hold in entry["holds"]]})
+
+    def is_same(self, other: Wrapped) -> bool:
+        """Whether both wraps answer the same question."""
+        return replace(self, holds=[], end="") == replace(other, holds=[], end="")
+
+
+def constants() -> list[float]:
+    """Return the constants on which the holds depend."""
+    return [RADIUS, TENDON_DISTANCE, MODULUS, RHO, BASE_GAP, FIRST_RUBBING, ACCURACY]
 
 
 def arm_for(angle: float) -> Arm:
@@ -142,78 +197,102 @@ def tensions_for(arm: Arm, ratio: float) -> Array:
     return np.asarray(brentq(excess, 0.5 * linear, 1.5 * linear, rtol=1e-8) * bends)
 
 
-def grips(angle: float, ratios: Sequence[float], friction: float) -> list[Grip]:
-    """Return the holds by a wrap of an angle [degree] for decreasing ratios of curvatures."""
+def grips(asked_for: Wrapped) -> Wrapped:
+    """Return a wrap with its holds."""
+    angle, friction = asked_for.angle, asked_for.friction
     arm = arm_for(angle)
     z = -(1 + BASE_GAP) * RHO
     cylinder = Capsule((0.0, -HALF_WIDTH, z), (0.0, HALF_WIDTH, z), RHO - RADIUS)
     smooth, scene = (STATICS + Contact(cylinder, friction=mu) for mu in (0.0, friction))
-    steps = sorted(ratios, reverse=True)
+    steps = sorted(asked_for.ratios, reverse=True)
     near = None
     if friction:
         steps = [ratio for ratio in steps if ratio <= FIRST_RUBBING]
         near = settle(arm, tensions_for(arm, FIRST_RUBBING), smooth, ACCURACY, compile="auto")
-    results = list[Grip]()
+    holds = list[Grip]()
     for ratio in steps:
         tensions = tensions_for(arm, ratio)
+        end = ""
         try:
             near = settle(arm, tensions, scene, ACCURACY, near=near, compile="auto")
-        except OctoplanError:
-            break
-        grip = Grip(angle, friction, ratio, float(tensions.max()), near)
-        if near.snaps or not grip.may_hold:
-            break
+        except OctoplanError as reason:
+            end = f"no equilibrium at the ratio {ratio:g}: {reason}"
+        else:
+            # Stability is not tested if contacts stick.
+            if near.snaps or not (friction or near.stability > 0):
+                end = f"unstable at the ratio {ratio:g}"
+        if end or near is None:
+            return replace(asked_for, holds=holds, end=end)
         if near.contacts:
-            results.append(grip)
-            print(line(grip), flush=True)
-    return results
+            holds.append(Grip.of(ratio, float(tensions.max()), near))
+            print(line(asked_for, holds[-1]), flush=True)
+    return replace(asked_for, holds=holds)
 
 
-def line(grip: Grip) -> str:
+def line(wrapped: Wrapped, grip: Grip) -> str:
     """Return a line of the table."""
-    normals = [touch.normal for touch in grip.shape.contacts]
-    places = [np.degrees(np.arctan2(normal[0], normal[2])) % 360 for normal in normals]
+    places = grip.contact_angles
     return (
-        f"{grip.angle:4.0f} {grip.friction:9.1f} {grip.ratio:6.2f} {grip.tension:11.3f} N "
+        f"{wrapped.angle:4.0f} {wrapped.friction:9.1f} {grip.ratio:6.2f} {grip.tension:11.3f} N "
         f"{min(places):5.0f} to {max(places):3.0f} {grip.grip:13.3f} {grip.grip_of_arm:16.3f} "
-        f"{grip.shape.stability:10.2f} {grip.stiffness():15.2f}"
+        f"{grip.stability:10.2f} {grip.stiffness:15.2f}"
     )
 
 
-def summary(rows: Sequence[Grip]) -> str:
+def summary(wrapped: Wrapped) -> str:
     """Return the largest grip that an arm of given curvature attains, and the last ratio."""
-    best = max(rows, key=lambda row: row.grip_of_arm)
+    name = f"{wrapped.angle:.0f} degrees, friction {wrapped.friction:g}"
+    end = f"; then {wrapped.end}" if wrapped.end else ""
+    if not wrapped.holds:
+        return f"{name}: no hold{end}"
+    best = max(wrapped.holds, key=lambda hold: hold.grip_of_arm)
     return (
-        f"{best.angle:.0f} degrees, friction {best.friction:g}: grip {best.grip_of_arm:.2f} "
-        f"E J kappa^2 at the ratio {best.ratio:g}; {len(rows)} holds down to {rows[-1].ratio:g}"
+        f"{name}: grip {best.grip_of_arm:.2f} E J kappa^2 at the ratio {best.ratio:g}; "
+        f"{len(wrapped.holds)} holds down to {wrapped.holds[-1].ratio:g}{end}"
     )
 
 
-def figure(table: Sequence[Sequence[Grip]]) -> Figure:
+def results(wanted: Sequence[Wrapped], path: Path) -> Iterator[Wrapped]:
+    """Yield wraps with their holds; finished wraps are in the file at `path`, which grows."""
+    entries = json.loads(path.read_text()) if path.exists() else []
+    finished = [Wrapped.load(entry) for entry in entries]
+    for i, each in enumerate(wanted, 1):
+        print(f"wrap {i} of {len(wanted)}", flush=True)
+        known = next((other for other in finished if other.is_same(each)), None)
+        if known is None:
+            known = grips(each)
+            finished.append(known)
+            with atomic_write(path, ".json") as part:
+                part.write_text(json.dumps([asdict(other) for other in finished]))
+        else:
+            print("\n".join(line(known, hold) for hold in known.holds))
+        yield known
+
+
+def figure(table: Sequence[Wrapped]) -> Figure:
     """Draw the shapes, the grip for a given object and for a given arm, and the stiffness."""
     drawn = Figure(figsize=(10.5, 8.0), layout="constrained")
     (shapes, grip), (of_arm, stiff) = axes = drawn.subplots(2, 2)
-    angles = sorted({row.angle for rows in table for row in rows})
+    angles = sorted({wrapped.angle for wrapped in table})
     colours = dict(zip(angles, colormaps["viridis"](np.linspace(0, 0.9, len(angles))), strict=True))
-    for rows in table:
-        colour, has_friction = colours[rows[0].angle], rows[0].friction > 0
+    for wrapped in table:
+        holds, colour, has_friction = wrapped.holds, colours[wrapped.angle], wrapped.friction > 0
         style = "--" if has_friction else "-"
-        label = f"{rows[0].angle:.0f} degrees" + f", friction {FRICTION:g}" * has_friction
-        ratios = [row.ratio for row in rows]
-        grip.plot(ratios, [row.grip for row in rows], style, color=colour, label=label)
-        of_arm.plot(ratios, [row.grip_of_arm for row in rows], style, color=colour, label=label)
-        stiff.plot(ratios, [row.stiffness() for row in rows], style, color=colour, label=label)
+        label = f"{wrapped.angle:.0f} degrees" + f", friction {FRICTION:g}" * has_friction
+        ratios = [hold.ratio for hold in holds]
+        for ax, name in ((grip, "grip"), (of_arm, "grip_of_arm"), (stiff, "stiffness")):
+            values = [getattr(hold, name) for hold in holds]
+            ax.plot(ratios, values, style, color=colour, label=label)
         if not has_friction:
-            nearest = min(rows, key=lambda row: abs(row.ratio - DRAWN))
-            s = np.linspace(0.0, nearest.shape.arm.length, 201)
-            x, _, z = nearest.shape.position(s).T / RHO
+            nearest = min(holds, key=lambda hold: abs(hold.ratio - DRAWN))
             # Side by side: each shape has its own cylinder.
-            shift = SPACING * angles.index(rows[0].angle)
+            shift = SPACING * angles.index(wrapped.angle)
+            x, z = np.array(nearest.midline).T
             shapes.plot(x + shift, z, color=colour)
             centre, radius = (shift, -1.0 - BASE_GAP), 1 - RADIUS / RHO
             shapes.add_patch(Circle(centre, radius, color=colour, alpha=0.25))
-            points = np.array([touch.point for touch in nearest.shape.contacts]) / RHO
-            shapes.plot(points[:, 0] + shift, points[:, 2], ".", color=colour)
+            x, z = np.array(nearest.points).T
+            shapes.plot(x + shift, z, ".", color=colour)
     titles = (
         f"wraps without friction, ratio {DRAWN:g}; points: contacts",
         "grip on a given object",
@@ -247,14 +326,19 @@ def main(argv: Sequence[str] | None = None) -> None:
         },
     )
     print(HEAD)
-    table = list[list[Grip]]()
+    ratios = sorted(args.ratios, reverse=True)
+    wanted = [
+        Wrapped(angle, friction, ratios, [], "", constants())
+        for angle in args.angles
+        for friction in (0.0, FRICTION)
+    ]
+    table = list[Wrapped]()
     with keep_finished():
-        for angle in args.angles:
-            for friction in (0.0, FRICTION):
-                if rows := grips(angle, args.ratios, friction):
-                    table.append(rows)
+        for wrapped in results(wanted, args.out / "grip.json"):
+            table.append(wrapped)
     print("\n".join(map(summary, table)))
-    figure(table).savefig(args.out / "grip.png", dpi=100)
+    held = [wrapped for wrapped in table if wrapped.holds]
+    figure(held).savefig(args.out / "grip.png", dpi=100)
 
 
 if __name__ == "__main__":

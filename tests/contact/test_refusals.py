@@ -26,11 +26,13 @@ ARM, PAPER = bar(0.3, 0.006, 2e5), Arm.from_paper("table-4")
 BENT = np.array([[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 3, 0, 0]])
 ROD = Capsule((0.1, -0.05, -0.06), (0.1, 0.05, -0.06), 0.02)
 BALL, FLOOR = Sphere((0.2, 0.1, 0.1), 0.02), HalfSpace((0, 0, -0.03), (0, 0, 1))
+FAR = Sphere((0.4, 0.0, 0.0), 0.02)
 CEILING, NARROW = HalfSpace((0, 0, 0.01), (0, 0, -1)), HalfSpace((0, 0, -0.01), (0, 0, 1))
 SMOOTH, ROUGH = (
     Scene(Extension(), ExactTendons(), Weight(), Contact(FLOOR, mu)) for mu in (0.0, 0.3)
 )
-RUBBING = Scene(Extension(), ExactTendons(), Contact(ROD, friction=0.3))
+WEIGHTLESS = Scene(Extension(), ExactTendons())
+RUBBING = WEIGHTLESS + Contact(ROD, friction=0.3)
 ITSELF, TIP = Scene(SelfContact()), TipPosition((0.25, 0.05, 0.0))
 STIFF, LOW = bar(0.3, 0.006, 2e7), TipPosition((0.29, 0.0, -0.024))
 
@@ -105,6 +107,11 @@ HOLDS: Refused = {
     "two numbers": (held((0, 1)), "Hold.wrench", ""),
     "no number": (held((0, 0, np.nan)), "Hold.wrench", ""),
     "another body": (partial(plan, ARM, Hold(BALL, (0, 0, 0.1)), SMOOTH, 50.0), "", "Contact"),
+    "an object out of reach": (
+        partial(plan, ARM, Hold(FAR, (0, 0, 0.1)), WEIGHTLESS + Contact(FAR), 50.0),
+        "Hold.obstacle",
+        "an obstacle within reach: it is 380 mm from the base, and the arm is 300 mm long",
+    ),
     "no contact": (partial(plan, ARM, Hold(ROD, (0, 0, 0.1)), Scene(), 50.0), "", "Contact"),
 }
 WRAPS: Refused = {
@@ -121,6 +128,11 @@ WRAPS: Refused = {
         partial(plan, ARM, Wrap(Sphere((0.5, 0, 0), 0.05), length=0.1), Scene(), 50.0),
         "",
         "within reach",
+    ),
+    "friction": (
+        lambda: plan(PAPER, Wrap(ROD, length=0.1), RUBBING, 50.0),
+        "Contact.friction",
+        "= 0.3: must be 0 for holds and wraps",
     ),
     "another contact": (wrapped(SMOOTH, length=0.1), "", "Contact of the scene"),
 }

@@ -86,4 +86,6 @@ class Hold(Target):
         left = [f"{component:.3g}" for component in units * grasp.least]
         more = f" and a moment ({', '.join(left[3:])}) N m" if left[3:] else ""
         left_over = f"a force ({', '.join(left[:3])}) N{more} is left"
+        if not grasp.most.size:
+            return f"The arm does not touch the object in that shape: of the wrench {left_over}."
         return f"Of the wrench {left_over}; more friction or tension may hold it."

@@ -13,12 +13,11 @@ import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.effects import contacts, without_contacts, without_friction
-from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.sharp import close
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array, Mask
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
+from octoplan.model.support.errors import OctoplanError, UnsettledContactError
 from octoplan.model.support.progress import OutOfTime, check_time, report, reserve
 from octoplan.planner.certificate import Optimality
 from octoplan.planner.extensions.contact.hold import Hold
@@ -31,7 +30,6 @@ from octoplan.planner.extensions.contact.load_path import (
 )
 from octoplan.planner.extensions.contact.optimum import MET, ContactOptimum, first_order, optimum
 from octoplan.planner.extensions.contact.program import TensionProgram
-from octoplan.planner.extensions.contact.wrap import Wrap
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
@@ -62,40 +60,6 @@ _SLID = (1.0, 1.5, 2.5)
 # Number of arms that are drawn for a hold; number of the nearest of these, around which as many
 # arms are drawn again; spread of the logarithms of their bends.
 _DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
-
-
-def check_contact(task: PlanningProblem) -> None:
-    """Raise InputError for problems that scenes with contact do not support."""
-    bodies = [contact.obstacle for contact in contacts(task.scene)]
-    for target in task.targets:
-        if isinstance(target, Hold) and target.obstacle not in bodies:
-            allowed = "an obstacle that the scene has as a Contact"
-            raise InputError("Hold.obstacle", target.obstacle, allowed)
-    if not bodies:
-        return
-    holds = any(isinstance(target, Hold | Wrap) for target in task.targets)
-    shapes, smooth = "shapes alone, in a scene with contact", "0 for holds and wraps"
-    alone, none = (
-        f"places and poses alone where contacts have friction; {smooth}",
-        "none in a scene",
-    )
-    refused = [
-        (bool(task.target_set.requests), "target", "a stiffness", shapes),
-        (task.options.norm != "2", "norm", task.options.norm, '"2", in a scene with contact'),
-        (rubs(task.scene) and holds, "Contact.friction", "above 0", alone),
-        (
-            bool(task.environment),
-            "obstacles",
-            "given",
-            f"{none} with contact: there they are effects",
-        ),
-        (task.limits.strokes is not None, "stroke_max", "given", f"{none} with contact"),
-    ]
-    for is_given, name, value, allowed in refused:
-        if is_given:
-            raise InputError(name, value, allowed)
-    # Refuses an arm that is inside of an obstacle at rest, which every start would meet.
-    TouchingMap(task.arm, task.scene, 1)
 
 
 def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:

@@ -17,7 +17,8 @@ from octoplan.model.support.progress import OutOfTime, reserve, seconds_left
 from octoplan.planner.extensions.avoidance.strategy import AvoidanceStrategy
 from octoplan.planner.extensions.contact.load_path import is_same, rubs
 from octoplan.planner.extensions.contact.plan import ContactPlan
-from octoplan.planner.extensions.contact.search import ContactSearch, check_contact
+from octoplan.planner.extensions.contact.search import ContactSearch
+from octoplan.planner.extensions.contact.supported import check_contact
 from octoplan.planner.extensions.contact.wrapping import (
     beside,
     beside_contacts,
