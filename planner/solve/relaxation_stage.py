@@ -253,6 +253,7 @@ class RelaxationStage:
     def best(self, limit: float = np.inf) -> Solution | None:
         """Return the best optimum that can be refined, up to the objective `limit`.
 
+        Optima that are better on the coarse mesh than the best refined one are refined, too.
         Unstable optima are solved again with a bound on the stability, which increases the
         objective, unless a stable optimum is better.
         """
@@ -260,17 +261,18 @@ class RelaxationStage:
         streams = [self._enforce_margin(unstable[f]) for f in sorted(unstable)[:MAX_ENFORCED]]
         stable = sorted(((each.f, each) for each in self.stable), key=itemgetter(0))
         for f, optimum in merge(stable, *streams, key=itemgetter(0)):
-            if f > limit:
-                return None
+            if f > limit or (self.refined and f > self.refined.f):
+                break
             refined = None if optimum is None else refine(optimum)
             if refined is not None:
-                saving = 1 - float(np.sqrt(lost / refined.f)) if lost < refined.f else 0.0
-                saving = saving if saving > 10 * COARSE_RTOL else 0.0
-                self.refined = refined
-                return refined.result(self.trials, lost=saving)
-            if optimum in self.stable:
+                self.refined = min(self.refined or refined, refined, key=attrgetter("f"))
+            elif optimum in self.stable:
                 lost = min(lost, f)
-        return None
+        if self.refined is None:
+            return None
+        saving = 1 - float(np.sqrt(lost / self.refined.f)) if lost < self.refined.f else 0.0
+        saving = saving if saving > 10 * COARSE_RTOL else 0.0
+        return self.refined.result(self.trials, lost=saving)
 
     def best_of_more_stable(self) -> Solution | None:
         """Return a result near rejected optima with more stability than required, or None.

@@ -287,7 +287,7 @@ class Search:
         Without samples, the last solution, or a drawn arm.
         """
         optima = [*self.stage.stable, *self.stage.rejected]
-        best = min(optima, key=attrgetter("f"), default=self.stage.last)
+        best = self.stage.refined or min(optima, key=attrgetter("f"), default=self.stage.last)
         if not optima and self.samples and self.samples.points:
             options = self.task.coarse("nearest")
             T = self.task.arm.by_section(self._nearest_sample(is_checked=not stopped))

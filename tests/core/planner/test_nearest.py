@@ -89,6 +89,17 @@ def test_nearest_tip_of_a_curled_thin_arm_is_as_near_as_a_grid(
     assert off <= 1.01 * _least_of_grid(THIN, place, EXACT, maxima, 6) + 1e-6
 
 
+def test_the_nearest_of_similar_shapes_is_chosen_on_the_fine_mesh() -> None:
+    """On the coarse mesh, the shape of the limit of 5 N was 1 % nearer than the nearest one."""
+    section = Anchorage(0.3, Linear(7e-3, 3e-3), (0.0,))
+    arm = Arm(0.3, Linear(0.01, 0.005), (section,), Material(E=1e5, nu=0.45, density=1080.0))
+    place = (0.1, 0.1, 0.1)
+    found = plan(arm, TipPosition(place), Scene(Extension()), 5.0)
+    off = float(np.linalg.norm(found.tip - place))
+    assert off <= _least_of_grid(arm, place, Scene(Extension()), (5.0,), 101)
+    assert float(found.tensions.max()) == pytest.approx(2.971, abs=1e-3)
+
+
 def test_the_search_mesh_resolves_tendons_that_turn() -> None:
     task = _task(HELICAL, PLACE, SHEAR, MAXIMA)
     forward = Problem(task, task.coarse("nearest")).forward
