@@ -17,13 +17,13 @@ from octoplan.model.paths import Array, LengthPath, Linear, Path
 from octoplan.model.support.checks import (
     LARGEST,
     SMALLEST,
-    finite_array,
     is_several,
     numbers,
     numbers_text,
+    whole,
 )
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.text import HtmlRepr, columns, ends_text, shortened_lines
+from octoplan.model.support.text import HtmlRepr, columns, counted, ends_text, shortened_lines
 from octoplan.model.support.units import (
     LENGTH,
     PLASTICS,
@@ -326,17 +326,12 @@ class Arm(HtmlRepr):
 
     def tendon_name(self, index: int) -> str:
         """Return the name of a tendon, see tendon_names; raise InputError for a wrong index."""
-        is_whole = isinstance(index, int | np.integer)
-        if not is_whole or index not in range(self.n_tendons):
-            raise InputError("index", index, f"a whole number from 0 to {self.n_tendons - 1}")
-        return self.tendon_names[index]
+        return self.tendon_names[whole("index", index, 0, self.n_tendons - 1)]
 
     def tendons_of(self, section: int) -> tuple[int, ...]:
         """Return the indices of the tendons of a section, numbered from 1 at the tip."""
-        is_whole = isinstance(section, int | np.integer)
-        if not is_whole or section not in range(1, len(self.sections) + 1):
-            raise InputError("section", section, f"a whole number from 1 to {len(self.sections)}")
-        return tuple(j for j, (i, _) in enumerate(self.tendons) if i == section - 1)
+        number = whole("section", section, 1, len(self.sections))
+        return tuple(j for j, (i, _) in enumerate(self.tendons) if i == number - 1)
 
     def flat(self, values: Any, name: str = "tensions") -> Array:
         """Return one number per tendon in tendon order, from a flat vector or a row per section.
@@ -352,7 +347,7 @@ class Arm(HtmlRepr):
             if min(plain) >= 0 and sum(plain) <= LARGEST:
                 return np.array(plain, dtype=float)
         counts = [len(section.angles) for section in self.sections]
-        allowed = f"{self.n_tendons} numbers, flat or a row per section, tip first "
+        allowed = f"{counted(self.n_tendons, 'number')}, flat or a row per section, tip first "
         allowed += f"({'+'.join(map(str, counts))})"
         if not is_several(values):
             raise InputError(name, values, allowed)
@@ -382,8 +377,14 @@ class Arm(HtmlRepr):
         return ((self.n_tendons,), *(by_section if len(by_section) == 1 else ()))
 
     def by_section(self, flat: Sequence[float] | Array) -> Array:
-        """Return one row per section if all have the same number of tendons, else the vector."""
-        return finite_array("flat", flat, (self.n_tendons,)).reshape(self.shapes[-1])
+        """Return one row per section if all have the same number of tendons, else the vector.
+
+        Numbers may be infinite, such as limits, or NaN.
+        """
+        array = numbers("flat", flat, "numbers")
+        if array.shape != (self.n_tendons,):
+            raise InputError("flat", flat, counted(self.n_tendons, "number"))
+        return array.reshape(self.shapes[-1])
 
 
 def conical(

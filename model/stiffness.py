@@ -26,7 +26,7 @@ from octoplan.model.rotations import conjugate, multiply
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, checked_scene, settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import arc_lengths, kind, literal, within
+from octoplan.model.support.checks import arc_lengths, flag, literal, within
 from octoplan.model.support.errors import InputError, SingularError
 from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import limited
@@ -231,7 +231,7 @@ def stiffness(
         if hold is None:
             hold = "tension" if lengths is None else "length"
         scene, place = _checked(arm, scene, hold, at, tendon_EA)
-        kind("release", release, bool | np.bool_, "True or False")
+        release = flag("release", release)
         shape = settle(
             arm,
             tensions,

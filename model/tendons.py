@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from octoplan.model.effects.sections import Extension
 from octoplan.model.mesh import graded
 from octoplan.model.paths import Array, Mask
 from octoplan.model.scene import Scene
-from octoplan.model.support.checks import LARGEST, SMALLEST
+from octoplan.model.support.checks import positive
 from octoplan.model.support.errors import CollapsedError, InputError
 
 if TYPE_CHECKING:
@@ -164,7 +165,6 @@ def least_compliance(arm: Arm) -> float:
 
 def checked_EA(value: Any) -> float:
     """Return the stiffness E A of tendons [N]; raise InputError unless it is positive."""
-    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not (is_number and SMALLEST <= value <= LARGEST):
-        raise InputError("tendon_EA", value, "a number above 0 [N], or None")
-    return float(value)
+    with suppress(InputError):
+        return positive("tendon_EA", value)
+    raise InputError("tendon_EA", value, "a number above 0 [N], or None")

@@ -15,7 +15,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import LARGEST, finite_array, is_several, kind, numbers
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
 
 # Tension that most plans do not exceed, over the tension that bends the arm by 1 rad [-].
@@ -241,7 +241,7 @@ def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
     lengths: Any = zero.tendon_lengths if isinstance(zero, Shape) and zero.arm == arm else zero
     if isinstance(lengths, str | Shape) or not isinstance(lengths, Iterable):
         allowed = '"straight", "at rest", a shape of this arm, or the lengths of its tendons [m]'
-        given = "of another arm" if isinstance(zero, Shape) else zero
+        given = Described("a shape of another arm") if isinstance(zero, Shape) else zero
         raise InputError("stroke_zero", given, allowed)
     flat = arm.flat(lengths, "stroke_zero")
     if flat.min() <= 0:

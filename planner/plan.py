@@ -11,7 +11,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.scene import Scene
-from octoplan.model.support.checks import kind, positive, within
+from octoplan.model.support.checks import flag, kind, positive, whole, within
 from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, reserve, seconds_left, with_progress
@@ -144,10 +144,10 @@ def plan(
         targets,
         scene,
         bounds,
-        checked_options(targets, bounds, norm, starts),
+        checked_options(targets, bounds, norm),
         checked_accuracy(accuracy),
         machine_code=checked_compile(compile),
-        guesses=starts,
+        guesses=None if starts is None else whole("starts", starts, 1),
         best_margin=stability_margin is None,
     )
     environment = obstacles, clearance, self_clearance
@@ -166,7 +166,7 @@ def plan(
             given = Described("a plan for another arm or scene")
             raise InputError("near", given, "a plan for this arm and scene")
         problem = strategy.adapted(problem, near)
-    kind("certify", certify, bool, "True or False")
+    certify = flag("certify", certify)
     with limited_to(seconds, reserves=certify):
         result = strategy.plan(problem, near)
         reserve(0.0)

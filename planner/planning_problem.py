@@ -24,7 +24,7 @@ from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import Described, InputError
 from octoplan.planner.limits import TendonLimits
-from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.base import Target, as_targets
 from octoplan.planner.targets.target_set import TargetSet
 
 if TYPE_CHECKING:
@@ -262,24 +262,14 @@ def planned_scene(arm: Arm, scene: Scene | None) -> Scene:
     return scene
 
 
-def checked_options(
-    targets: tuple[Target, ...], limits: TendonLimits, norm: Any, starts: Any
-) -> NlpOptions:
+def checked_options(targets: tuple[Target, ...], limits: TendonLimits, norm: Any) -> NlpOptions:
     """Return the options for arguments of `plan`; raise InputError."""
     unbounded = limits.total is None and bool(np.isinf(limits.upper).any())
-    is_count = type(starts) is int and starts >= 1
-    norms = "2 (least squares), 1 (least total pull) or inf"
-    checks = (
-        (
-            not (unbounded and any(target.compliance_request() for target in targets)),
-            ("tension_max", np.inf, "finite if a target requires a stiffness"),
-        ),
-        (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
-        (starts is None or is_count, ("starts", starts, "a whole number from 1")),
-    )
-    for is_allowed, error in checks:
-        if not is_allowed:
-            raise InputError(*error)
+    if unbounded and any(target.compliance_request() for target in targets):
+        raise InputError("tension_max", np.inf, "finite if a target requires a stiffness")
+    if str(norm) not in get_args(Norm):
+        allowed = "2 (least squares), 1 (least total pull) or inf (least maximum)"
+        raise InputError("norm", norm, allowed)
     return NlpOptions(str(norm))  # type: ignore[arg-type]
 
 
@@ -288,7 +278,7 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
 
     Plans keep copies, so that later changes of the given objects do not change the problem.
     """
-    targets = tuple(target) if isinstance(target, tuple | list) else (target,)
+    targets = as_targets(target)
     if not targets:
         raise InputError("target", target, "a target such as TipPosition(...), or several")
     prescribed = dict[str, int]()

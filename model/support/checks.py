@@ -136,6 +136,20 @@ def within(field: str, value: Any, low: float, high: float) -> float:
     return number
 
 
+def whole(field: str, value: Any, least: int, most: float = np.inf) -> int:
+    """Return a whole number of Python or NumPy as an int in [least, most]."""
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if is_whole and least <= value <= most:
+        return int(value)
+    end = f" to {most}" if most < np.inf else ""
+    raise InputError(field, value, f"a whole number from {least}{end}")
+
+
+def flag(field: str, value: Any) -> bool:
+    """Return True or False of Python or NumPy as a bool."""
+    return bool(kind(field, value, bool | np.bool_, SUCH[bool]))
+
+
 def unit_vector(field: str, value: Any) -> tuple[float, ...]:
     """Return a vector scaled to length 1, as three floats; unit vectors are not changed."""
     argument = finite_array(field, value, (3,))

@@ -21,6 +21,8 @@ from functools import wraps
 from shutil import get_terminal_size
 from typing import Any, ParamSpec, TextIO, TypeVar
 
+import numpy as np
+
 from octoplan.model.support.checks import positive
 from octoplan.model.support.errors import InputError, TimeLimitError, UnsettledContactError
 
@@ -96,7 +98,7 @@ class ProgressLine:
     token: Token[ProgressLine | None] = field(init=False)
 
     def __enter__(self) -> None:
-        if not (self.progress is None or isinstance(self.progress, bool)):
+        if not (self.progress is None or isinstance(self.progress, bool | np.bool_)):
             allowed = "None (after 2 s, on terminals and in notebooks), True or False"
             raise InputError("progress", self.progress, allowed)
         self.token = _line.set(self)

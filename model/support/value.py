@@ -36,6 +36,7 @@ from octoplan.model.support.checks import (
     SUCH,
     finite,
     finite_array,
+    flag,
     is_several,
     kind,
     literal,
@@ -184,6 +185,8 @@ def _of_type(hint: Any, bounds: Bounds) -> Convert:
         return _items(hint, bounds.get("min_length", 0))
     if origin is Literal:
         return partial(literal, wanted=hint)
+    if hint is bool:
+        return flag
     if hint is Any:
         return lambda name, argument: argument
     if isinstance(hint, type):

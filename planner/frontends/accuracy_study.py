@@ -20,7 +20,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import is_several
+from octoplan.model.support.checks import is_several, whole
 from octoplan.model.support.errors import ConvergenceError, InputError, OctoplanError
 from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import track, with_progress
@@ -215,8 +215,7 @@ def accuracy_study(
     OctoplanError
         If the arm does not settle; see settle.
     """
-    if type(repeats) is not int or repeats < 1:
-        raise InputError("repeats", repeats, "a whole number from 1")
+    repeats = whole("repeats", repeats, 1)
     if not is_several(accuracies) or not len(accuracies):
         raise InputError("accuracies", accuracies, "at least one number, in a list")
     steps = sorted({checked_accuracy(each) for each in accuracies}, reverse=True)

@@ -18,6 +18,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
+from octoplan.model.support.checks import whole
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import track, with_progress
 from octoplan.model.support.text import TextRepr, counted, plotted
@@ -184,10 +185,8 @@ def check_arm(
         If an argument is not allowed, for example an infinite `tension_max`.
     """
     scene = planned_scene(arm, scene)
-    if type(samples) is not int or samples < 1:
-        raise InputError("samples", samples, "a whole number from 1")
-    if type(seed) is not int or seed < 0:
-        raise InputError("seed", seed, "a whole number from 0")
+    samples = whole("samples", samples, 1)
+    seed = whole("seed", seed, 0)
     bounds = checked_limits(arm, scene, tension_max, limits)
     if not np.isfinite(bounds.upper).all():
         raise InputError("tension_max", bounds.upper, "finite numbers")

@@ -16,7 +16,7 @@ from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, forward_map
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, settle
-from octoplan.model.support.checks import within
+from octoplan.model.support.checks import whole, within
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import track
 from octoplan.planner.frontends.accuracy_study import processor_time
@@ -146,8 +146,7 @@ def switch_effects(
         As settle, for `repeats` below 1, and for a tolerance that the accuracy does not resolve;
         the scene must settle.
     """
-    if type(repeats) is not int or repeats < 1:
-        raise InputError("repeats", repeats, "a whole number from 1")
+    repeats = whole("repeats", repeats, 1)
     check_tolerance(tolerance, checked_accuracy(accuracy))
     settle(arm, tensions, scene, accuracy)
     own = [effect for effect in scene.effects if not isinstance(effect, Buoyancy)]

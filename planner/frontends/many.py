@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,7 @@ from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem, planned_scene
 from octoplan.planner.solution import Solution
-from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.base import Target, as_targets
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,8 +102,9 @@ def plan_many(
     plans: list[Plan] = []
     near: Plan | None = None
     for i, target in enumerate(targets):
+        given = tuple(target) if isinstance(target, Iterator) else target
         try:
-            plans.append(plan(arm, target, scene, tension_max, near=near, **others))
+            plans.append(plan(arm, given, scene, tension_max, near=near, **others))
             near = plans[-1] if path else None
         except OutOfTime:
             raise  # the limit of an outer call
@@ -111,10 +112,9 @@ def plan_many(
             reason = _of_target(error, f"targets[{i}]")
             if errors == "raise":
                 raise reason from None
-            request: Any = target if isinstance(target, tuple | list) else (target,)
             accuracy = others.get("accuracy", 1e-6)
-            task = PlanningProblem(arm, tuple(request), scene, limits, NlpOptions(), accuracy)
-            T = np.nan * arm.by_section(np.zeros(arm.n_tendons))
+            task = PlanningProblem(arm, as_targets(given), scene, limits, NlpOptions(), accuracy)
+            T = arm.by_section(np.full(arm.n_tendons, np.nan))
             nothing = Solution(NlpOptions(), T, (), (), ())
             kind_of = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
             plans.append(FailedPlan.of(task, nothing, reason=f"{kind_of}{reason}"))

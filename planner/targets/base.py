@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -14,6 +14,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, matrix, multiply
 from octoplan.model.shape import Shape
+from octoplan.model.support.checks import is_several
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.units import DISTANCE, warn_unusual
@@ -107,11 +108,11 @@ class View:
 
     def position(self, s: float) -> ca.MX:
         """Return the position (3,) at station s [m]."""
-        return self._poses[s][4:7] if s > 0 else self.base_position
+        return self._pose(s)[4:7] if s > 0 else self.base_position
 
     def frame(self, s: float) -> ca.MX:
         """Return the frame (3, 3), columns t, n, b, at station s."""
-        return cached(_frame)(self._poses[s][:4]) if s > 0 else self.base_frame
+        return cached(_frame)(self._pose(s)[:4]) if s > 0 else self.base_frame
 
     def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
         """Return 2 sin(a / 2) u (3,) for the rotation by a about u [rad] from a wanted frame.
@@ -119,12 +120,20 @@ class View:
         The wanted frame is a quaternion (4,), and u has components along its columns. The result is
         smooth, has norm 2 at a = pi, and is 0 only if the frames are equal.
         """
-        return cached(_rotation)(self._poses[s][:4], wanted)
+        return cached(_rotation)(self._pose(s)[:4], wanted)
+
+    def _pose(self, s: float) -> ca.MX:
+        if s not in self._poses:
+            stations = ", ".join(f"{each:.9g}" for each in self._poses)
+            raise InputError("s", s, f"one of the stations of the targets, {stations} m")
+        return self._poses[s]
 
     @property
     def compliance(self) -> ca.MX:
         """The compliance of the tip along the target's directions."""
-        assert self._compliance is not None
+        if self._compliance is None:
+            allowed = "used by targets with a compliance_request only"
+            raise InputError("View.compliance", None, allowed)
         return self._compliance
 
     @property
@@ -240,6 +249,12 @@ class Target:
     def directions(self, p: ca.MX) -> ca.MX:
         """Return the directions (3, width) of the compliance request from the parameters p."""
         return ca.MX(3, 0)
+
+
+def as_targets(target: Any) -> tuple[Any, ...]:
+    """Return one or several targets as a tuple, other objects as its only item."""
+    has_several = is_several(target) or isinstance(target, Iterator)
+    return tuple(target) if has_several else (target,)
 
 
 def check_near(arm: Arm, field: str, points: Any) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import Hold
-from octoplan.model.support.checks import finite_array, unit_vector
+from octoplan.model.support.checks import finite_array, numbers, unit_vector
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.value import Direction, Rule, Stiffness, Tension, value
@@ -97,11 +97,12 @@ class Softest(_Directed):
 
 def _direction_or_matrix(name: str, argument: Any) -> tuple[Any, ...]:
     """Return a direction (3,), or a symmetric positive definite matrix (3, 3), row by row."""
-    if np.ndim(argument) != 2:
+    allowed = "a direction, or a symmetric positive definite matrix"
+    if numbers(name, argument, allowed).ndim != 2:
         return unit_vector(name, argument)
     matrix = finite_array(name, argument, (3, 3))
     if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] <= 0:
-        raise InputError(name, argument, "a direction, or a symmetric positive definite matrix")
+        raise InputError(name, argument, allowed)
     return tuple(map(tuple, matrix.tolist()))
 
 

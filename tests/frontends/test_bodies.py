@@ -157,6 +157,8 @@ def test_meshes_close_and_have_the_body_s_volume(shape: Shape, suffix: str, tmp_
         (lambda shape: urdf(shape, 5000), "links"),
         (lambda shape: save_mesh(shape, "arm.step"), "path"),
         (lambda shape: save_mesh(shape, "arm.stl", around=2), "around"),
+        (lambda shape: mjcf(shape, 2, 3), "name"),  # type: ignore[arg-type]
+        (lambda shape: urdf(shape, 2, None), "name"),  # type: ignore[arg-type]
     ],
 )
 def test_bad_input_is_named(call: Any, field: str) -> None:

@@ -25,6 +25,7 @@ from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import casadi as ca
+import numpy as np
 from platformdirs import user_cache_path
 
 from octoplan.model.support.errors import CompilerError, CompilerWarning, InputError
@@ -48,14 +49,15 @@ def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts
 
     Raises InputError for other values, and CompilerError for True without a working compiler.
     """
-    if isinstance(compile, bool) and not compile:
-        return False
-    if compile is not True and not (isinstance(compile, str) and compile == "auto"):
+    is_auto = isinstance(compile, str) and compile == "auto"
+    if not is_auto and not isinstance(compile, bool | np.bool_):
         raise InputError("compile", compile, 'True, False or "auto"')
+    if not compile:
+        return False
     try:
         _compile_trial(os.environ.get("CC"), os.environ.get("PATH"))
     except CompilerError as reason:
-        if compile is True:
+        if not is_auto:
             raise
         warn("not compiled: no C compiler works", CompilerWarning, f"not compiled: {reason}")
         return False

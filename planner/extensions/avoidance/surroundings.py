@@ -14,7 +14,7 @@ from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES
 from octoplan.model.extensions.obstacles import Moving
 from octoplan.model.extensions.obstacles.base import check_obstacles, distances_from
 from octoplan.model.paths import Array
-from octoplan.model.support.checks import not_negative
+from octoplan.model.support.checks import flag, not_negative
 from octoplan.model.support.errors import InputError
 from octoplan.planner.planning_problem import Environment
 from octoplan.planner.targets.base import Target
@@ -66,9 +66,8 @@ def surroundings(
     value = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
     moving = tuple(obstacle for obstacle in value if isinstance(obstacle, Moving))
     still = check_obstacles([one for one in value if one not in moving] if moving else obstacles)
-    if not isinstance(of_itself, bool | np.bool_):
-        raise InputError("self_clearance", of_itself, "True or False")
-    checked = Environment(still, not_negative("clearance", clearance), bool(of_itself), moving)
+    of_itself = flag("self_clearance", of_itself)
+    checked = Environment(still, not_negative("clearance", clearance), of_itself, moving)
     if checked.clearance and not checked:
         allowed = "0 without obstacles; pass obstacles, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)

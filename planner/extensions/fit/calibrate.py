@@ -18,7 +18,7 @@ from octoplan.model.forward import checked_accuracy, estimate
 from octoplan.model.loads import convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.settle import checked_scene
-from octoplan.model.support.checks import kind, not_negative, such
+from octoplan.model.support.checks import flag, not_negative, such, whole
 from octoplan.model.support.errors import Described, OctoplanError, SnapError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import OutOfTime, limited, report, with_progress
@@ -138,8 +138,7 @@ def calibrate(
     scene = supported_scene(arm, scene)
     if not isinstance(loss, str) or loss not in get_args(Loss):
         raise InputError("loss", loss, such(Loss))
-    if starts is not None and not (isinstance(starts, int) and 1 <= starts <= 1000):
-        raise InputError("starts", starts, "a whole number from 1 to 1000, or None")
+    starts = None if starts is None else whole("starts", starts, 1, 1000)
     shapes = checked_shapes(arm, measured)
     winches = _checked_winches(tendon_EA, tendon_outside, shapes)
     parameters = parameters_of(arm, scene, unknowns, shapes, winches)
@@ -148,7 +147,7 @@ def calibrate(
     if data < free:
         allowed = f"at most as many unknowns without priors as numbers measured, {data}"
         raise InputError("unknowns", free, allowed)
-    kind("absolute_std", absolute_std, bool | np.bool_, "True or False")
+    absolute_std = flag("absolute_std", absolute_std)
     lacking = [shape.name for shape in shapes if not shape.has_stds]
     if absolute_std and lacking:
         allowed = f"False, or give the standard deviations of {lacking[0]}"
@@ -158,7 +157,7 @@ def calibrate(
         parameters=parameters,
         shapes=shapes,
         loss=loss,
-        absolute_std=bool(absolute_std),
+        absolute_std=absolute_std,
         accuracy=checked_accuracy(accuracy),
         machine_code=machine_code,
     )
@@ -181,7 +180,7 @@ def calibrate(
         values=tuple(best.evaluation.values.tolist()),
         noise=best.noise,
         loss=loss,
-        absolute_std=bool(absolute_std),
+        absolute_std=absolute_std,
         refinement=refinement,
         error=search.error,
         starts=tuple(search.starts),

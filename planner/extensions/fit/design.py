@@ -11,7 +11,7 @@ import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.paths import Array
-from octoplan.model.support.checks import kind
+from octoplan.model.support.checks import kind, whole
 from octoplan.model.support.errors import Described, OctoplanError
 from octoplan.model.support.progress import (
     GRACE,
@@ -101,8 +101,7 @@ def design(
     TimeLimitError
         If the time limit is reached before the first arm's optimum.
     """
-    if not (isinstance(n_starts, int) and 1 <= n_starts <= 1000):
-        raise InputError("n_starts", n_starts, "a whole number from 1 to 1000")
+    n_starts = whole("n_starts", n_starts, 1, 1000)
     parameters = _checked(arm, supported_scene(arm, scene), unknowns)
     if manufacturing is None:
         manufacturing = ManufacturingLimits()

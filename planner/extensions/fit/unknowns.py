@@ -16,7 +16,7 @@ from octoplan.model.loads import required_arc_lengths
 from octoplan.model.mesh import Mesh, landmarks
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.support.checks import kind
+from octoplan.model.support.checks import kind, whole
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.frontends.io.varied import Setting
 
@@ -241,8 +241,7 @@ class Parameters:
 
     def multistart(self, count: int, seed: int) -> list[Array]:
         """Return the given values (K,), then values that are spread evenly over the bounds."""
-        if not isinstance(seed, int) or seed < 0:
-            raise InputError("seed", seed, "a whole number >= 0")
+        seed = whole("seed", seed, 0)
         if count == 1:
             return [self.start]
         from scipy.stats import qmc  # slow to import: as long as the rest of a plan's imports

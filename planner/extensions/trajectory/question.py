@@ -18,7 +18,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import finite_array, kind, positive
+from octoplan.model.support.checks import finite_array, flag, kind, positive, whole
 from octoplan.model.support.errors import Described, InputError, as_given
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.text import counted
@@ -81,9 +81,7 @@ class Rates:
         quasi_static: Any = False,
     ) -> Rates:
         """Return the rate limits of an arm, None for no limit; InputError for unsuitable values."""
-        if not isinstance(quasi_static, bool | np.bool_):
-            raise InputError("quasi_static", quasi_static, "True or False")
-        if quasi_static and tip is not None:
+        if flag("quasi_static", quasi_static) and tip is not None:
             allowed = "None beside quasi_static=True, which sets it"
             raise InputError("tip_acceleration_max", tip, allowed)
         each = each_tendon(arm, "rate_max", np.inf if tension is None else tension)
@@ -336,9 +334,8 @@ def waypoints_of(
     if isinstance(path, str | Path):
         path, times = load(LOAD_WAYPOINTS)(Path(path))
     elif callable(path):
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-            raise InputError("waypoints", count, "a whole number from 1")
-        places = [path(float(share)) for share in np.linspace(0, 1, count)]
+        shares = np.linspace(0, 1, whole("waypoints", count, 1))
+        places = [path(share) for share in shares.tolist()]
         path = [place if isinstance(place, Target) else TipPosition(place) for place in places]
     if not isinstance(path, Iterable):
         allowed = "targets in order, a function, or the name of a .csv file"

@@ -16,7 +16,7 @@ from octoplan.model.loads import has_complementarity
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
-from octoplan.model.support.checks import finite_array
+from octoplan.model.support.checks import finite_array, numbers
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, track
 from octoplan.model.support.text import TextRepr, counted, plotted
@@ -207,7 +207,8 @@ class Trajectory(TextRepr):
 
     def _controls_at(self, t: Any) -> Array:
         """Return tensions and joint values (M, n) at times [s]."""
-        wanted = finite_array("t", np.atleast_1d(t), (None,))
+        times = numbers("t", t, "a time, or a list of times")
+        wanted = finite_array("t", np.atleast_1d(times), (None,))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self.duration * (1 + 1e-12)):
             raise InputError("t", t, f"times from 0 to {self.duration:g} s")
         return self.way.at(wanted)

@@ -9,7 +9,7 @@ import numpy as np
 
 from octoplan.model.effects import NeoHookean
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import kind, within
+from octoplan.model.support.checks import kind, whole
 from octoplan.model.support.errors import InputError, needed
 from octoplan.planner.frontends.bodies.links import ros_messages, urdf
 from octoplan.planner.frontends.bodies.mjcf import mjcf
@@ -38,8 +38,8 @@ def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32
     MissingExtraError
         If trimesh is not installed, which is in the extra `mesh`.
     """
-    within("along", along, 2, 10_000)
-    within("around", around, 3, 1000)
+    along = whole("along", along, 2, 10_000)
+    around = whole("around", around, 3, 1000)
     path = path_of(path)
     with atomic_write(path, *MESHES) as part:
         part.write_bytes(_mesh(shape, path.suffix.lower(), along, around))

@@ -16,7 +16,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import kind, within
+from octoplan.model.support.checks import kind, whole
 from octoplan.model.tendons import strokes
 from octoplan.planner.frontends.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of
 from octoplan.planner.frontends.bodies.xml import child_of, remark, to_text
@@ -98,7 +98,7 @@ class Chain:
 def build_chain(shape: Shape, links: int) -> Chain:
     """Return the chain of a number of links that follows a shape; raise InputError if invalid."""
     kind("shape", shape, Shape, "a Shape, as settle returns it")
-    within("links", links, 1, MOST_LINKS)
+    links = whole("links", links, 1, MOST_LINKS)
     arm = shape.arm
     s = np.linspace(0.0, arm.length, links + 1)
     at_rest = settle(arm, np.zeros(arm.n_tendons), Scene(), _ACCURACY)
@@ -181,7 +181,7 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     chain = build_chain(shape, links)
     remarks = left_out_of_urdf(shape)
     warn_of(remarks)
-    root = ET.Element("robot", name=name)
+    root = ET.Element("robot", name=kind("name", name, str))
     remark(root, *remarks)
     bodies = list[ET.Element]()
     parent = child_of(root, "link", name=BASE)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from octoplan.model.effects import NeoHookean, Weight
 from octoplan.model.paths import SAME, Array
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import SMALLEST
+from octoplan.model.support.checks import SMALLEST, kind
 from octoplan.planner.frontends.bodies.forces import (
     Mass,
     Resultants,
@@ -139,7 +139,7 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     wrenches = site_forces(shape, chain.bodies)
     masses = point_masses(shape, chain.bodies)
     paths = tendon_sites(shape, chain)
-    root = ET.Element("mujoco", model=name)
+    root = ET.Element("mujoco", model=kind("name", name, str))
     remark(root, "Springs are balanced at the keyframe `settled`.", *remarks)
     child_of(root, "compiler", angle="radian", autolimits="true")
     weight = shape.scene.find(Weight)

@@ -26,7 +26,7 @@ import numpy as np
 
 from octoplan.model import Arm, InputError, Shape
 from octoplan.model.paths import Array
-from octoplan.model.support.checks import kind, within
+from octoplan.model.support.checks import kind, whole
 from octoplan.model.support.errors import FileError
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.frontends.io.codec import in_si, number_in
@@ -66,7 +66,7 @@ def shape_csv(shape: Shape, points: int = POINTS) -> bytes:
     Columns: arc length and position [m], frame columns t, n, b, strains tau, xi, k [1/m] and q.
     """
     kind("shape", shape, Shape, "a Shape, as settle returns it")
-    within("points", points, 2, 1_000_000)
+    points = whole("points", points, 2, 1_000_000)
     s = np.linspace(0.0, shape.arm.length, points)
     frames = np.swapaxes(shape.frame(s), 1, 2).reshape(points, 9)
     rows = np.column_stack([s, shape.position(s), frames, shape.strain(s)])

@@ -42,6 +42,7 @@ from octoplan.planner.frontends.io.scene_tables import (
 from octoplan.planner.limits import Limits, checked_limits
 from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets import Target
+from octoplan.planner.targets.base import as_targets
 
 R = TypeVar("R")
 
@@ -306,9 +307,8 @@ def scene_table(
     if tensions is not None:
         table["tensions"] = encode(tensions)
     if target is not None:
-        several = isinstance(target, tuple | list)
-        result = [table_of(item) for item in (target if several else [target])]  # type: ignore[union-attr]
-        table |= {"targets": result} if several else {"target": result[0]}
+        result = [table_of(item) for item in as_targets(target)]
+        table |= {"target": result[0]} if isinstance(target, Target) else {"targets": result}
     if tension_max is not None:
         table["limits"] = {"tension_max": encode(tension_max)} | table.get("limits", {})
     return table

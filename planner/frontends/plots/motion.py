@@ -21,7 +21,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.model.support.checks import within
+from octoplan.model.support.checks import whole, within
 from octoplan.model.support.errors import Described, InputError
 from octoplan.planner.frontends.io.files import atomic_write, path_of
 from octoplan.planner.frontends.plots.arm import (
@@ -282,7 +282,7 @@ def plot_motion(
             given = Described("a plan for another arm or scene")
             raise InputError(f"plans[{i}]", given, "a plan for the arm and scene of plans[0]")
     within("fps", fps, 0.1, 120.0)
-    steps = _steps(first.arm, first.scene, plans, int(within("frames", frames, 1, 10_000)))
+    steps = _steps(first.arm, first.scene, plans, whole("frames", frames, 1, 10_000))
     titles = [f"plan {step.number} of {len(plans)}" * (len(plans) > 1) for step in steps]
     tips = np.array([plan.shape.tip for plan in plans])
     return _animation(steps, titles, ax, fps, tips)

@@ -40,7 +40,7 @@ from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
 from octoplan.planner.frontends.sweeps.points import RESERVED, VARIABLES, Compute, Job
 from octoplan.planner.frontends.sweeps.work import Point
-from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.base import Target, as_targets
 
 
 class SweepTable(Table, frozen=True):
@@ -258,6 +258,7 @@ def sweep_of(
     Raises InputError for other types than Arm and Scene and for targets without a table; otherwise
     as load_sweep.
     """
+    targets = None if target is None else as_targets(target)
     kind("arm", arm, Arm, "an Arm, or the path of a sweep file")
     kind("scene", scene or Scene(), Scene, "a Scene, such as Scene()")
     if not isinstance(axes, Mapping) or not axes:
@@ -275,10 +276,12 @@ def sweep_of(
         "seed": seed,
     }
     entries |= {} if draws is None else {"draws": draws}
-    table = {"scene": scene_table(arm, scene, target, **keys), "sweep": entries}
+    table = {
+        "scene": scene_table(arm, scene, target if isinstance(target, Target) else targets, **keys),
+        "sweep": entries,
+    }
     sweep = _sweep(table, Path("sweep"), time_limit, {})
     decoded = sweep.job.question()
-    several: tuple[Any, ...] = tuple(target) if isinstance(target, tuple | list) else (target,)
     options = decoded.options
     bodies = keys.get("obstacles") or ()
     if bodies and all(isinstance(item, Obstacle) for item in bodies):
@@ -287,7 +290,7 @@ def sweep_of(
         decoded,
         arm=arm,
         scene=scene or Scene(),
-        targets=several if decoded.targets else (),
+        targets=targets if targets and decoded.targets else (),
         options=options,
     )
     return replace(sweep, job=replace(sweep.job, objects=(original, decoded)))

@@ -19,7 +19,7 @@ from typing import Any
 from unittest.mock import patch
 
 from octoplan.model.arm import Arm
-from octoplan.model.support.checks import kind, positive
+from octoplan.model.support.checks import kind, positive, whole
 from octoplan.model.support.errors import Described, InputError, OctoplanError, needed
 from octoplan.model.support.progress import check_time, report, with_progress
 from octoplan.model.support.progress import end as end_of_limit
@@ -302,8 +302,8 @@ def check_jobs(jobs: int) -> None:
     """Raise MissingExtraError or InputError before anything is computed."""
     for package in ("xarray", "dask"):
         needed(package, "sweep")
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
-        raise InputError("jobs", jobs, "a whole number from 1, or -1 for all processors")
+    if jobs != -1:
+        whole("jobs", jobs, 1)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from octoplan.model.forward import checked_accuracy
 from octoplan.model.loads import check_responses, has_complementarity
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.support.checks import positive
+from octoplan.model.support.checks import flag, positive, whole
 from octoplan.model.support.errors import InputError, OctoplanError, needed
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.planner.frontends.io.codec import identity
@@ -280,11 +280,10 @@ def workspace_of(
     if bounds.strokes is not None:
         allowed = "omitted: a workspace has limits of tensions alone"
         raise InputError("limits.stroke_max, limits.stroke_min", bounds.strokes, allowed)
-    for name, number, least in (("samples", samples, 1), ("probes", probes, 0), ("seed", seed, 0)):
-        if type(number) is not int or number < least:
-            raise InputError(name, number, f"a whole number from {least}")
-    if type(least_effort) is not bool:
-        raise InputError("least_effort", least_effort, "True or False")
+    samples = whole("samples", samples, 1)
+    probes = whole("probes", probes, 0)
+    seed = whole("seed", seed, 0)
+    least_effort = flag("least_effort", least_effort)
     job = WorkspaceJob(
         arm,
         scene,

@@ -45,6 +45,7 @@ ASKED: list[tuple[dict[str, Any], str, str]] = [
 TARGETS: list[tuple[Callable[[], object], str]] = [
     (lambda: MinimumStiffness((0, 0, 0), 1.0), "MinimumStiffness.direction"),
     (lambda: MinimumStiffness((1, 0), 1.0), "MinimumStiffness.direction"),
+    (lambda: MinimumStiffness(((1, 0, 0), (1,)), 1.0), "MinimumStiffness.direction"),
     (lambda: MinimumStiffness(((1, 2, 0), (2, 1, 0), (0, 0, 1)), 1.0), "MinimumStiffness.direc"),
     (lambda: MinimumStiffness(((1, 1, 0), (0, 1, 0), (0, 0, 1)), 1.0), "MinimumStiffness.direc"),
     (lambda: MinimumStiffness(ALONG, 0.0), "MinimumStiffness.value"),
