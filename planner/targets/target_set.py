@@ -14,7 +14,8 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import InputError
+from octoplan.model.support.checks import finite_array, positive
+from octoplan.model.support.errors import Described, InputError
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.block import Block, Parts, ProgramView, Rows
 from octoplan.planner.targets.base import ComplianceRequest, Target, Terms, View
@@ -33,6 +34,8 @@ _WITH_SLACK: dict[str, tuple[float, ...]] = {
 }
 # Kinds of terms, in the order of the results of `TargetTerms.function`.
 KINDS = ("equality", "soft_residual", "inequality", "objective")
+# Value of each kind in place of NaN, so that a term without a value is missed.
+_WORST = (np.inf, np.inf, -np.inf, np.inf)
 # CasADi functions whose serialised text states the whole computation. Other functions call Python
 # or a library, which the text does not show.
 _TRANSPARENT = {"SXFunction", "MXFunction", "Map", "LinearInterpolant", "BSplineInterpolant"}
@@ -62,7 +65,7 @@ class TargetSet:
         self.stations = tuple(sorted({s for target in each for s in target.stations(arm)}))
         self.requests = tuple(filter(None, (target.compliance_request() for target in each)))
         self.tendons = every.intersection(*(target.tendons(arm) for target in each))
-        self.numbers = np.concatenate([np.zeros(0), *(target.parameters(arm) for target in each)])
+        self.numbers = np.concatenate([np.zeros(0), *(parameters_of(arm, one) for one in each)])
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what pickle stores: the targets, without the functions made of them."""
@@ -106,16 +109,22 @@ class TargetSet:
         for target in self.each:
             request = target.compliance_request()
             compliance = ca.MX(ca.DM(next(matrices))) if request else None
-            numbers = ca.MX(ca.DM(target.parameters(self.arm)))
+            numbers = ca.MX(ca.DM(parameters_of(self.arm, target)))
             terms = checked_terms(target, View(self.arm, seen, compliance), numbers)
             kinds = _by_kind(terms, {name: 1 / x - 1 for name, x in terms.reciprocal.items()})
             for stack, values in zip(stacks, kinds, strict=True):
                 for name, value in values.items():
                     stack.setdefault(name, []).append(value)
         return tuple(
-            {name: np.array(ca.evalf(ca.vertcat(*v))).ravel() for name, v in stack.items()}
-            for stack in stacks
+            {name: _without_nan(ca.vertcat(*v), worst) for name, v in stack.items()}
+            for stack, worst in zip(stacks, _WORST, strict=True)
         )
+
+
+def _without_nan(expression: ca.MX, worst: float) -> Array:
+    """Return the value of an expression without symbols (n,), with `worst` in place of NaN."""
+    value = np.array(ca.evalf(expression)).ravel()
+    return np.where(np.isnan(value), worst, value)
 
 
 def tip_compliance(
@@ -141,6 +150,11 @@ def tip_compliance(
     return np.asarray(directions.T @ k.compliance[:3, :3] @ directions)
 
 
+def parameters_of(arm: Arm, target: Target) -> Array:
+    """Return the parameters of a target (n,); raise InputError unless they are finite numbers."""
+    return finite_array(f"{type(target).__name__}.parameters", target.parameters(arm), (None,))
+
+
 def checked_terms(target: Target, view: View, numbers: ca.MX) -> Terms:
     """Return the terms of a target; raise InputError unless all are columns of expressions."""
     terms = target.terms(view, numbers)
@@ -152,6 +166,8 @@ def checked_terms(target: Target, view: View, numbers: ca.MX) -> Terms:
             if not (isinstance(value, ca.MX) and value.is_column() and value.is_dense()):
                 allowed = "a dense casadi.MX of one column"
                 raise InputError(f"{name}: {kind}[{term!r}]", value, allowed)
+    for term, weight in terms.weights.items():
+        positive(f"{name}: weights[{term!r}]", weight)
     return terms
 
 
@@ -185,7 +201,7 @@ class TargetTerms:
 
     def __init__(self, arm: Arm, each: Sequence[Target], stations: Sequence[float]) -> None:
         requests = [target.compliance_request() for target in each]
-        numbers = [ca.MX.sym("p", target.parameters(arm).size) for target in each]
+        numbers = [ca.MX.sym("p", parameters_of(arm, target).size) for target in each]
         poses = ca.MX.sym("poses", 7, len(stations))
         seen = dict(zip(stations, ca.horzsplit(poses), strict=True)) if stations else {}
         compliances = [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
@@ -202,7 +218,10 @@ class TargetTerms:
         ]
         flat = ca.vertcat(*(ca.vec(C) for C in compliances if C is not None))
         p = ca.vertcat(*numbers)
-        self.function = ca.Function("terms", [poses, p, flat], stacks)
+        self.function = ca.Function("terms", [poses, p, flat], stacks, {"allow_free": True})
+        if self.function.has_free():
+            free = Described(self.function.get_free())
+            raise InputError("target", free, "terms of poses and parameters, without other symbols")
         triples = zip(each, numbers, requests, strict=True)
         directions = [target.directions(p) for target, p, request in triples if request]
         self.directions = ca.Function("directions", [p], directions)

@@ -245,6 +245,28 @@ class Wrong(Target):
         return Terms(equality={"wrong": self.value})
 
 
+@dataclass(frozen=True)
+class Given(Target):
+    """The height of the tip, by given parameters, with given terms of the view."""
+
+    given: Any
+    wanted: Callable[[View], Terms] | None = None
+
+    def parameters(self, arm: Arm) -> Array:
+        numbers: Array = self.given
+        return numbers
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        if self.wanted:
+            return self.wanted(view)
+        return Terms(equality={"height": (view.tip[2] - p[0]) / view.arm.length})
+
+
+def stated(wanted: Callable[[View], ca.MX], **others: Any) -> Target:
+    """Return a target with one equality."""
+    return Given([], lambda view: Terms(equality={"own": wanted(view)}, **others))
+
+
 @pytest.mark.parametrize(
     ("target", "words"),
     [
@@ -252,11 +274,31 @@ class Wrong(Target):
         (Wrong(0.0), "casadi.MX"),
         (Wrong(ca.MX(2, 2)), "one column"),
         (Wrong(np.zeros(3)), "casadi.MX"),
+        (Given(None), "Given.parameters = None: must be a list of numbers"),
+        (Given(0.1), "Given.parameters = 0.1: must be a list of numbers"),
+        (Given([np.nan]), "Given.parameters = .*: must be finite numbers"),
+        (stated(lambda view: view.tip[2] - ca.MX.sym("height")), r"\['height'\]: must be terms of"),
+        (stated(lambda view: view.position(0.1)[2]), "s = 0.1: must be one of the stations"),
+        (stated(lambda view: view.compliance[0, 0]), "compliance_request"),
+        (stated(lambda view: view.tip[2], weights={"own": -1.0}), r"weights\['own'\] = -1.0"),
     ],
 )
 def test_wrong_own_targets_are_refused_in_words(target: Target, words: str) -> None:
     with pytest.raises(InputError, match=words):
         plan(ARM, target, PAPER)
+
+
+def test_parameters_may_be_a_list() -> None:
+    assert plan(ARM, Given([HEIGHTS[0]]), PAPER).reached
+
+
+@pytest.mark.parametrize("kind", ["equality", "soft_residual", "inequality"])
+def test_terms_without_a_value_are_missed(kind: str) -> None:
+    """A target with the soft residual NaN counted as met."""
+    undefined = Given([], lambda view: Terms(**{kind: {"own": ca.sqrt(-1 - view.tip[2] ** 2)}}))
+    found = plan(ARM, undefined, PAPER, 20.0, starts=2)
+    assert not found.reached
+    assert "inf" in found.outcome
 
 
 @dataclass(frozen=True)
