@@ -301,6 +301,14 @@ def test_unsuitable_plans_are_refused() -> None:
             Tracker(given)
 
 
+def test_plans_without_limits_are_tracked() -> None:
+    """The infinite reserve of an infinite limit was refused as a number of the arm."""
+    tracker = Tracker(plan(ARM, TipPosition(START), PAPER))
+    step = tracker.step(moved(0.0, 0.0, 1e-3))
+    assert step.reached
+    assert np.isinf(step.tension_reserve).all()
+
+
 @pytest.mark.parametrize(
     "target", [TipPointing(START, (1, 0, 0)), (TipPosition(START), BendingPlane(0.5, 1.2, 1))]
 )

@@ -208,7 +208,10 @@ class Tracker:
         if not is_alike:
             names = ", ".join(type(one).__name__ for one in each)
             kinds = ", ".join(type(one).__name__ for one in known.each)
-            raise InputError("target", Described(names), f"like the targets of the plan: {kinds}")
+            allowed = f"like the targets of the plan: {kinds}"
+            if names == kinds:
+                allowed += ", with equal terms; return numbers that change from `parameters`"
+            raise InputError("target", Described(names), allowed)
         return given.numbers
 
     def _advanced(self, numbers: Array) -> _Advance:
