@@ -24,6 +24,19 @@ FILES: dict[str, tuple[str, str]] = {
         "[arm]\nlength = 3",
         'arm.length: no such key; did you mean "length_mm',
     ),
+    "a key like one of another table": (
+        ARM + "[target]\ntype = 'backbone'\npoint_mm = [[200, 150, -200]]",
+        'target.point_mm: no such key; did you mean "points_mm"?',
+    ),
+    "an angle of another table": (
+        OWN + "[[arm.sections]]\nat_mm = 300\nangle_deg = [0, 120]",
+        'arm.sections[0].angle_deg: no such key; did you mean "angles_deg"?',
+    ),
+    "a key of another type of target": (
+        ARM + "[target]\ntype = 'fetch'\nangle_deg = 30",
+        "target.angle_deg: no such key (allowed here: type, proximal_deg",
+    ),
+    "one obstacle": (ARM + "[obstacle]", 'obstacle: no such key; did you mean "obstacles"?'),
     "table misspelt": (ARM + "[limit]\ntension_max = 3", 'did you mean "limits"?'),
     "accuracy after a table": (
         ARM + LIMITS + "accuracy = 1e-5",

@@ -109,14 +109,17 @@ def places(kind: inspect.Type, key: str, path: str = "") -> Iterator[str]:
             yield from places(inner, key, f"{path}.{name}".removeprefix("."))
 
 
-def hint(value: Any, known: Sequence[Any]) -> str:
-    """Return "; did you mean ...?" with the nearest known text; empty if none is near."""
+def hint(value: Any, known: Sequence[Any], least: float = 0.6) -> str:
+    """Return "; did you mean ...?" with the nearest known text; empty if none is near.
+
+    `least` is the smallest similarity of near texts, see difflib.
+    """
     texts = [text for text in known if isinstance(text, str)]
     if not isinstance(value, str):
         return ""
     starts = [text for text in texts if text.startswith(f"{value}_")]
-    near = starts or difflib.get_close_matches(value.lower().replace("-", "_"), texts, 1, 0.6)
-    near = near or difflib.get_close_matches(value, texts, 1, 0.6)
+    near = starts or difflib.get_close_matches(value.lower().replace("-", "_"), texts, 1, least)
+    near = near or difflib.get_close_matches(value, texts, 1, least)
     return f'; did you mean "{near[0]}"?' if near else ""
 
 

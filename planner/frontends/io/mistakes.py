@@ -36,6 +36,9 @@ from octoplan.planner.frontends.io.scene_tables import KEYS
 
 R = TypeVar("R")
 _LONG = 60
+# Similarity of an unknown key to a key of its own table, see difflib, above which the key is
+# misspelt, even if another table has it: "angle_deg" for "angles_deg".
+_MISSPELT = 0.8
 _WORDS: dict[type[inspect.Type], str] = {
     inspect.IntType: "a whole number",
     inspect.FloatType: "a number",
@@ -154,11 +157,13 @@ def _wrong_keys(
     where = f"{path}.".removeprefix(".")
     if unknown is not None:
         elsewhere = list(dict.fromkeys(places(described(root), unknown)))
-        more = hint(unknown, list(allowed))
-        if "" in elsewhere:
+        more = hint(unknown, list(allowed), _MISSPELT)
+        if not more and "" in elsewhere:
             more = "; it belongs at the top of the file, above the first [table]"
-        elif len(elsewhere) == 1:
+        elif not more and len(elsewhere) == 1 and elsewhere[0] != path:
             more = f"; it belongs in [{elsewhere[0]}]"
+        elif not more and path not in elsewhere:
+            more = hint(unknown, list(allowed))
         text = f"no such key{more} (allowed here: {', '.join(allowed)})"
         return FileError(name, f"{where}{shortened(unknown)}", text)
     if tags and entries.get(tags[0][0]) is None:
