@@ -10,7 +10,7 @@ A block adds to the program (octoplan.planner.program) any of
     misses         expressions whose squares the relaxed program minimises
     objectives     expressions whose sum replaces the effort
 
-A new constraint is a subclass of Block. `Strategy.constraints` (octoplan.planner.strategy) returns
+A new constraint is a subclass of Block. `Strategy.constraints` (octoplan.planner.plan) returns
 the Constraints that add its blocks to all programs of a search. A strategy has an entry in
 octoplan.planner.entry_points, and the first effect or target with a `plan_strategy` selects the
 strategy of a plan: strategies do not combine. The solution keeps the constraints in `avoidance`, so

@@ -12,7 +12,7 @@ from typing import Any
 _EXTENSIONS = "octoplan.planner.extensions"
 _FRONTENDS = "octoplan.planner.frontends"
 
-# Planning strategies, see octoplan.planner.strategy.
+# Planning strategies, see octoplan.planner.plan.
 STRATEGIES = {
     "avoidance": f"{_EXTENSIONS}.avoidance.strategy:AvoidanceStrategy",
     "contact": f"{_EXTENSIONS}.contact.strategy:ContactStrategy",

@@ -168,7 +168,7 @@ class PlanningProblem:
     def target_set(self) -> TargetSet:
         """All targets as one; they refer to the base at joint values 0."""
         arm = self.arm if self.placement is None else self.placement.home
-        return TargetSet(arm, self.targets)
+        return target_set(arm, self.targets)
 
     @property
     def base_joints(self) -> tuple[float, ...]:
@@ -192,7 +192,7 @@ class PlanningProblem:
         """The scene without loads in the paper's balance, which has closed forms of the strains."""
         return Scene(*[Extension()] * self.scene.has(Extension))
 
-    @property
+    @cached_property
     def allowed(self) -> TendonLimits:
         """The limits, with excluded tendons fixed at the minimum tension."""
         return self.limits.of_tendons(self.target_set.tendons)
@@ -237,6 +237,20 @@ class PlanningProblem:
         """
         usual = 1 if self.scene.has(Extension) else 2
         return self.options.replace(mode=mode, refinement=self.mesh or usual)
+
+
+def target_set(arm: Arm, targets: tuple[Target, ...]) -> TargetSet:
+    """Return targets as one, shared by all problems with equal targets."""
+    try:
+        return _target_set(arm, targets)
+    except TypeError:
+        # A target of a script may have no hash.
+        return TargetSet(arm, targets)
+
+
+@lru_cache(maxsize=8)
+def _target_set(arm: Arm, targets: tuple[Target, ...]) -> TargetSet:
+    return TargetSet(arm, targets)
 
 
 @lru_cache(maxsize=8)
@@ -299,6 +313,6 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
                 allowed = f"the only target that prescribes it; {first} does, too"
                 raise InputError(f"targets[{i}]", Described(f"a {name}"), allowed)
             prescribed[name] = i
-    if not TargetSet(arm, targets).tendons:
+    if not target_set(arm, tuple(copies)).tendons:
         raise InputError("target", targets, "targets that let a common tendon pull")
     return tuple(copies)

@@ -21,7 +21,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.tendons import is_taut
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.targets.target_set import TargetSet
+from octoplan.planner.targets.target_set import TargetSet, residual_function
 
 
 def _planes(arm: Arm, limits: TendonLimits) -> Iterator[tuple[float, Array]]:
@@ -58,32 +58,35 @@ def _mirrored(arm: Arm, angle: float, poses: Array) -> Array:
     )
 
 
-def mirror_images(task: PlanningProblem, shape: Shape) -> Iterator[tuple[float, Array]]:
+def mirror_images(problem: PlanningProblem, shape: Shape) -> Iterator[tuple[float, Array]]:
     """Yield angles of planes [rad], and mirrored tensions (n_tendons,) that meet the targets [N].
 
     The residuals may exceed those of the shape by ten times the accuracy. Nothing for targets of
     stiffness, with stroke limits, without tensions, and for tensions that are symmetric.
     """
-    arm, targets, limits = task.arm, task.target_set, task.limits
-    T, stations = shape.tensions, np.array(targets.stations)
+    arm = problem.arm
+    targets = problem.target_set
+    limits = problem.limits
+    T = shape.tensions
+    stations = np.array(targets.stations)
     if targets.requests or limits.strokes is not None or not is_taut(arm, T).any():
         return
     poses = shape.poses(stations)
-    most = _largest_residual(targets, poses) + 10 * task.accuracy
+    most = _largest_residual(targets, poses) + 10 * problem.accuracy
     for angle, images in _planes(arm, limits):
         other = T[images]
-        likely = _largest_residual(targets, _mirrored(arm, angle, poses)) <= most
-        if not likely or np.abs(T - other).max() <= task.accuracy * T.max():
+        is_symmetric = np.abs(T - other).max() <= problem.accuracy * T.max()
+        if is_symmetric or _largest_residual(targets, _mirrored(arm, angle, poses)) > most:
             continue
         with suppress(OctoplanError):
-            settled = settle(arm, other, task.scene, task.accuracy, compile=shape.machine_code)
+            settled = settle(
+                arm, other, problem.scene, problem.accuracy, compile=shape.machine_code
+            )
             if _largest_residual(targets, settled.poses(stations)) <= most:
                 yield angle, other
 
 
 def _largest_residual(targets: TargetSet, poses: Array) -> float:
     """Return the largest residual of the targets for poses (K, 7)."""
-    equality, soft_residual, inequality, _ = targets.values(poses, ())
-    gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]
-    gaps += [-value for value in inequality.values()]
-    return max((float(gap.max(initial=0.0)) for gap in gaps), default=0.0)
+    (gaps,) = residual_function(targets.terms)(poses.reshape(1, -1), targets.numbers[None, :])
+    return float(np.abs(gaps).max(initial=0.0))

@@ -12,9 +12,7 @@ and the distinct fits are the guesses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
@@ -22,13 +20,12 @@ from octoplan.model.effects.sections import Extension
 from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import MAGNUS4
-from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
 from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import factorised, tension_scales
 from octoplan.planner.solution import NlpSolution
-from octoplan.planner.targets.target_set import TargetTerms
+from octoplan.planner.targets.target_set import residual_function
 
 # Number of conditions of a point, which arms meet in many ways.
 POINT = 3
@@ -228,7 +225,7 @@ def residuals_of(task: PlanningProblem) -> Callable[..., Array]:
     """
     targets, at = task.target_set, task.target_set.stations
     forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 1, at, task.machine_code)
-    nodes, gaps_of = [forward.mesh.node(s) for s in at], _residuals_of(targets.terms)
+    nodes, gaps_of = [forward.mesh.node(s) for s in at], residual_function(targets.terms)
 
     def residuals(tensions: Array, moved: Callable[[Array], Array] | None = None) -> Array:
         poses, stretch = forward.many(tensions, nodes)
@@ -239,18 +236,6 @@ def residuals_of(task: PlanningProblem) -> Callable[..., Array]:
         return np.where(np.isfinite(gaps), gaps, np.nan)
 
     return residuals
-
-
-@lru_cache(maxsize=16)
-def _residuals_of(terms: TargetTerms) -> BatchFunction:
-    """Return the function (poses (7 K,), target parameters) -> residuals (k,), without calls."""
-    poses, numbers = (ca.MX.sym("given", *terms.function.size_in(i)) for i in range(2))
-    wanted = ca.vertcat(ca.DM(0, 1), *(ca.vec(ca.DM.eye(each.width)) for each in terms.requests))
-    equality, soft_residual, inequality, _ = terms.function(poses, numbers, wanted)
-    gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
-    function = ca.Function("gaps", [poses, numbers], [gaps])
-    arguments = function.sx_in()
-    return BatchFunction(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
 
 
 def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:

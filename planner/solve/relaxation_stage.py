@@ -113,6 +113,7 @@ class RelaxationStage:
     last: NlpSolution | None = None
     corrected: NlpSolution | None = None
     refined: NlpSolution | None = None
+    _coarse: Problem | None = field(default=None, init=False, repr=False)
 
     @property
     def optima(self) -> list[NlpSolution]:
@@ -212,7 +213,9 @@ class RelaxationStage:
 
     def _problem(self) -> Problem:
         """Return the problem on the coarse mesh."""
-        return Problem(self.task, self.task.coarse(self.mode), self.blocks)
+        if self._coarse is None or self._coarse.task is not self.task:
+            self._coarse = Problem(self.task, self.task.coarse(self.mode), self.blocks)
+        return self._coarse
 
     def _with_required_stability(self, solution: NlpSolution) -> NlpSolution | None:
         """Return the solution if stable, otherwise a stable optimum nearby, or None."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -16,7 +16,7 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import finite_array, positive
 from octoplan.model.support.errors import Described, InputError
-from octoplan.model.support.machine.functions import BufferedFunction
+from octoplan.model.support.machine.functions import BatchFunction, BufferedFunction
 from octoplan.planner.block import Block, Parts, ProgramView, Rows
 from octoplan.planner.targets.base import ComplianceRequest, Target, Terms, View
 
@@ -61,11 +61,21 @@ class TargetSet:
     def __init__(self, arm: Arm, each: tuple[Target, ...]) -> None:
         self.arm = arm
         self.each = each
-        every = frozenset(range(arm.n_tendons))
-        self.stations = tuple(sorted({s for target in each for s in target.stations(arm)}))
-        self.requests = tuple(filter(None, (target.compliance_request() for target in each)))
-        self.tendons = every.intersection(*(target.tendons(arm) for target in each))
-        self.numbers = np.concatenate([np.zeros(0), *(parameters_of(arm, one) for one in each)])
+        stations = set[float]()
+        requests = list[ComplianceRequest]()
+        tendons = frozenset(range(arm.n_tendons))
+        numbers = [np.zeros(0)]
+        for target in each:
+            stations.update(target.stations(arm))
+            request = target.compliance_request()
+            if request is not None:
+                requests.append(request)
+            tendons &= target.tendons(arm)
+            numbers.append(parameters_of(arm, target))
+        self.stations = tuple(sorted(stations))
+        self.requests = tuple(requests)
+        self.tendons = tendons
+        self.numbers = np.concatenate(numbers)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what pickle stores: the targets, without the functions made of them."""
@@ -74,7 +84,7 @@ class TargetSet:
     @cached_property
     def terms(self) -> TargetTerms:
         """The terms; equal for target sets with equal expressions."""
-        return TargetTerms(self.arm, self.each, self.stations)
+        return TargetTerms(self)
 
     @property
     def conditions(self) -> float:
@@ -103,22 +113,20 @@ class TargetSet:
         compliances : list of (width, width)
             See `compliances`.
         """
-        seen = dict(zip(self.stations, ca.horzsplit(ca.MX(ca.DM(poses.T))), strict=True))
-        matrices = iter(compliances)
-        stacks = [dict[str, list[ca.MX]]() for _ in KINDS]
-        for target in self.each:
-            request = target.compliance_request()
-            compliance = ca.MX(ca.DM(next(matrices))) if request else None
-            numbers = ca.MX(ca.DM(parameters_of(self.arm, target)))
-            terms = checked_terms(target, View(self.arm, seen, compliance), numbers)
-            kinds = _by_kind(terms, {name: 1 / x - 1 for name, x in terms.reciprocal.items()})
-            for stack, values in zip(stacks, kinds, strict=True):
-                for name, value in values.items():
-                    stack.setdefault(name, []).append(value)
-        return tuple(
-            {name: _without_nan(ca.vertcat(*v), worst) for name, v in stack.items()}
-            for stack, worst in zip(stacks, _WORST, strict=True)
+        numbers = [ca.MX(ca.DM(parameters_of(self.arm, target))) for target in self.each]
+        stacks = _Stacks(
+            self, ca.MX(ca.DM(poses.T)), numbers, [ca.MX(ca.DM(C)) for C in compliances]
         )
+        results = list[dict[str, Array]]()
+        kinds = stacks.with_reciprocals(lambda x: 1 / x - 1)
+        for kind, worst in zip(kinds, _WORST, strict=True):
+            columns = dict[str, list[ca.MX]]()
+            for name, value in kind:
+                columns.setdefault(name, []).append(value)
+            results.append(
+                {name: _without_nan(ca.vertcat(*each), worst) for name, each in columns.items()}
+            )
+        return tuple(results)
 
 
 def _without_nan(expression: ca.MX, worst: float) -> Array:
@@ -171,10 +179,47 @@ def checked_terms(target: Target, view: View, numbers: ca.MX) -> Terms:
     return terms
 
 
-def _by_kind(terms: Terms, reciprocal: Mapping[str, ca.MX]) -> tuple[Mapping[str, ca.MX], ...]:
-    """Return the terms of each of KINDS by name, inequalities with those of reciprocals last."""
-    inequality = {**terms.inequality, **reciprocal}
-    return terms.equality, terms.soft_residual, inequality, terms.objective
+class _Stacks:
+    """The terms of the targets of a set as expressions.
+
+    Attributes
+    ----------
+    each : list of Terms
+        The terms of each target.
+    """
+
+    def __init__(
+        self,
+        targets: TargetSet,
+        poses: ca.MX,
+        numbers: Sequence[ca.MX],
+        compliances: Sequence[ca.MX],
+    ) -> None:
+        columns = ca.horzsplit(poses) if targets.stations else []
+        at_stations = dict(zip(targets.stations, columns, strict=True))
+        left = iter(compliances)
+        self.each = list[Terms]()
+        for target, p in zip(targets.each, numbers, strict=True):
+            compliance = next(left) if target.compliance_request() else None
+            view = View(targets.arm, at_stations, compliance)
+            self.each.append(checked_terms(target, view, p))
+
+    def with_reciprocals(
+        self, inequality: Callable[[ca.MX], ca.MX]
+    ) -> tuple[list[tuple[str, ca.MX]], ...]:
+        """Return names and expressions of each of KINDS, target by target.
+
+        `inequality` turns a reciprocal into a quantity that must be nonnegative.
+        """
+        stacks: tuple[list[tuple[str, ca.MX]], ...] = ([], [], [], [])
+        for terms in self.each:
+            stacks[0].extend(terms.equality.items())
+            stacks[1].extend(terms.soft_residual.items())
+            stacks[2].extend(terms.inequality.items())
+            for name, x in terms.reciprocal.items():
+                stacks[2].append((name, inequality(x)))
+            stacks[3].extend(terms.objective.items())
+        return stacks
 
 
 class TargetTerms:
@@ -199,52 +244,43 @@ class TargetTerms:
         Unit by name, for terms that have one, see Terms.units.
     """
 
-    def __init__(self, arm: Arm, each: Sequence[Target], stations: Sequence[float]) -> None:
-        requests = [target.compliance_request() for target in each]
-        numbers = [ca.MX.sym("p", parameters_of(arm, target).size) for target in each]
-        poses = ca.MX.sym("poses", 7, len(stations))
-        seen = dict(zip(stations, ca.horzsplit(poses), strict=True)) if stations else {}
-        compliances = [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
-        parts = zip(each, numbers, compliances, strict=True)
-        terms = [checked_terms(target, View(arm, seen, C), p) for target, p, C in parts]
-        by_kind = [
-            _by_kind(term, {name: 1 - x for name, x in term.reciprocal.items()}) for term in terms
-        ]
-        # Without targets, a kind has no terms.
-        kinds = [[values[k] for values in by_kind] for k in range(len(KINDS))]
-        stacks = [
-            ca.vertcat(ca.MX(0, 1), *(value for values in kind for value in values.values()))
-            for kind in kinds
-        ]
-        flat = ca.vertcat(*(ca.vec(C) for C in compliances if C is not None))
+    def __init__(self, targets: TargetSet) -> None:
+        arm = targets.arm
+        numbers = [ca.MX.sym("p", parameters_of(arm, target).size) for target in targets.each]
+        poses = ca.MX.sym("poses", 7, len(targets.stations))
+        compliances = [ca.MX.sym("compliance", r.width, r.width) for r in targets.requests]
+        stacks = _Stacks(targets, poses, numbers, compliances)
+        names = list[list[str]]()
+        expressions = list[ca.MX]()
+        for kind in stacks.with_reciprocals(lambda x: 1 - x):
+            names.append([])
+            stacked = ca.MX(0, 1)
+            for name, value in kind:
+                names[-1] += [name] * value.numel()
+                stacked = ca.vertcat(stacked, value)
+            expressions.append(stacked)
+        self.names = tuple(names)
         p = ca.vertcat(*numbers)
-        self.function = ca.Function("terms", [poses, p, flat], stacks, {"allow_free": True})
+        flat = ca.vertcat(*map(ca.vec, compliances))
+        self.function = ca.Function("terms", [poses, p, flat], expressions, {"allow_free": True})
         if self.function.has_free():
             free = Described(self.function.get_free())
             raise InputError("target", free, "terms of poses and parameters, without other symbols")
-        triples = zip(each, numbers, requests, strict=True)
-        directions = [target.directions(p) for target, p, request in triples if request]
+        pairs = zip(targets.each, numbers, strict=True)
+        directions = [target.directions(p) for target, p in pairs if target.compliance_request()]
         self.directions = ca.Function("directions", [p], directions)
-        self.requests = tuple(filter(None, requests))
-        self.names = tuple(
-            [
-                name
-                for values in kind
-                for name, value in values.items()
-                for _ in range(value.numel())
-            ]
-            for kind in kinds
-        )
+        self.requests = targets.requests
         self.count = len(self.names[0]) + len(self.names[1])
         factors = dict[str, float]()
         weights = dict[str, float]()
-        for term in terms:
+        self.units = dict[str, str]()
+        for term in stacks.each:
             factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
             factors |= dict.fromkeys(term.high_priority, HIGH_PRIORITY)
             weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY)
+            self.units |= term.units
         self.equality_weights = np.array([factors.get(name, 1.0) for name in self.names[0]])
         self.inequality_weights = np.array([weights.get(n, HIGH_PRIORITY) for n in self.names[2]])
-        self.units = {name: unit for term in terms for name, unit in term.units.items()}
         self._key = (
             _text(self.function),
             _text(self.directions),
@@ -346,6 +382,22 @@ class TargetRows(Block):
             misses.append(ca.DM(self.terms.equality_weights) * equality)
             misses.append(ca.DM(self.terms.inequality_weights[some]) * view.decisions)
         return Parts(rows, misses, [objective])
+
+
+@lru_cache(maxsize=16)
+def residual_function(terms: TargetTerms) -> BatchFunction:
+    """Return the function (poses (7 K,), target parameters) -> residuals (k,), without calls.
+
+    The residuals are equalities, soft residuals and violations of inequalities, for compliances
+    that have the wanted values.
+    """
+    poses, numbers = (ca.MX.sym("given", *terms.function.size_in(i)) for i in range(2))
+    wanted = ca.vertcat(ca.DM(0, 1), *(ca.vec(ca.DM.eye(each.width)) for each in terms.requests))
+    equality, soft_residual, inequality, _ = terms.function(poses, numbers, wanted)
+    gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
+    function = ca.Function("gaps", [poses, numbers], [gaps])
+    arguments = function.sx_in()
+    return BatchFunction(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
 
 
 def _text(function: ca.Function) -> object:

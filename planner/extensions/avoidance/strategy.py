@@ -10,10 +10,10 @@ import numpy as np
 from octoplan.planner.entry_points import WARM_START, load
 from octoplan.planner.extensions.avoidance.around import ObstacleSearch, line_of
 from octoplan.planner.extensions.avoidance.surroundings import in_the_way, surroundings
+from octoplan.planner.plan import Strategy
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution
-from octoplan.planner.strategy import Strategy
 
 
 class AvoidanceStrategy(Strategy):

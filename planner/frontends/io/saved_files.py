@@ -32,9 +32,9 @@ from octoplan.planner.frontends.io.saved_records import (
     QuestionRecord,
 )
 from octoplan.planner.limits import checked_limits
+from octoplan.planner.plan import strategy_of
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem, check_targets, planned_scene
-from octoplan.planner.strategy import strategy_of
 
 
 class SavedPlan(msgspec.Struct):

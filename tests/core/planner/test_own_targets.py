@@ -17,9 +17,9 @@ from octoplan.planner.block import Block
 from octoplan.planner.blocks import TotalPull
 from octoplan.planner.frontends.c_code.export import export_plan
 from octoplan.planner.limits import Limits
+from octoplan.planner.plan import Strategy
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.strategy import Strategy
 from octoplan.planner.targets import Target, TipPosition, target_set
 from octoplan.planner.targets.base import Terms, View
 from octoplan.planner.targets.target_set import TargetSet
