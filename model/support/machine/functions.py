@@ -33,10 +33,6 @@ _AT_ONCE = 2048
 FEW = 192
 
 
-def _made(make: Callable[..., Any], *of: Any) -> Any:
-    return make(*of)
-
-
 class _Cached(Protocol):
     """The type of `cached`."""
 
@@ -44,8 +40,14 @@ class _Cached(Protocol):
         """Return `make(*of)`."""
 
 
-# Return `make(*of)`, cached for all arms and meshes with the same structure.
-cached = cast(_Cached, lru_cache(maxsize=512)(_made))
+@lru_cache(maxsize=512)
+def _cached(make: Callable[..., Any], *of: Any) -> Any:
+    return make(*of)
+
+
+# Return `make(*of)`, cached for all arms and meshes with the same structure. Pickles of functions
+# refer to this cache by the name `_cached`.
+cached = cast(_Cached, _cached)
 
 
 class BufferedFunction:
