@@ -89,13 +89,14 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
         # The bracket for R' = R kappa.
         return name(ca.cross(b, a))
 
-    k = [name(weighted_sum(method.powers[p], kappa)) for p in range(m)]
+    k = ca.vertsplit(name(ca.vertcat(*(weighted_sum(row, kappa) for row in method.powers))), 3)
     if m > 3:
         omega = [name(each) for each in series(k, h, bracket, 2 * m)]
         at = [*method.c.tolist(), 1.0]
         return [weighted_sum(x ** np.arange(1, 2 * m + 1), omega) for x in at]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
-    brackets = {(p, q): bracket(k[p], k[q]) for p, q in pairs}
+    crossed = ca.vertsplit(name(ca.vertcat(*(ca.cross(k[q], k[p]) for p, q in pairs))), 3)
+    brackets = dict(zip(pairs, crossed, strict=True))
     fifth = name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)
     results = []
     for c, row in zip(method.c, method.a, strict=True):

@@ -115,12 +115,12 @@ def _kinematics(
 ) -> _Kinematics:
     """Return the kinematics of an element."""
     twists = [structure.law.twist(v) for v in ca.horzsplit(x.v)]
-    strains = [(intermediates.define(kappa), nu) for kappa, nu in twists]
-    curvatures = [kappa for kappa, _ in strains]
+    curvatures = intermediates.define_all([kappa for kappa, _ in twists])
+    strains = [(kappa, nu) for kappa, (_, nu) in zip(curvatures, twists, strict=True)]
     *to_stages, across = rotation_quaternions(intermediates, curvatures, x.h)
     frames = [unit_matrix(quaternion) for quaternion in to_stages]
     pairs = zip(frames, strains, strict=True)
-    tangents = [intermediates.define(R @ nu) for R, (_, nu) in pairs]
+    tangents = intermediates.define_all([R @ nu for R, (_, nu) in pairs])
     frame_at_node = unit_matrix(x.q)
     mean_tangent = intermediates.define(weighted_sum(gauss(structure.stages).b, tangents))
     rows = [
@@ -155,7 +155,7 @@ def _balance_rows(
     ]
     loads = [_load(structure, x, section, i) for i, section in enumerate(sections)]
     if structure.has_force:
-        loads = [intermediates.define(load) for load in loads]
+        loads = intermediates.define_all(loads)
     F, force_rows = _forces(structure, x, kinematics.frame_at_node, loads, intermediates)
     moments = [_moment(structure, x, section, i) for i, section in enumerate(sections)]
     M, moment_row = _moments(structure, x, kinematics, F, moments, intermediates)
@@ -198,12 +198,15 @@ def rotation_quaternions(intermediates: Intermediates, kappa: list[ca.SX], h: ca
     """
     inner = Intermediates()
     stacked = ca.vertcat(*rotation_vectors(kappa, h, inner.define))
-    quaternions = []
-    for vector in ca.vertsplit(intermediates.define(stacked, inner), 3):
-        quaternions.append((vector, half_angle(intermediates.define(ca.sumsqr(vector)))))
-    return [
-        intermediates.define(ca.vertcat(half[0], half[1] * vector)) for vector, half in quaternions
-    ]
+    vectors = ca.vertsplit(intermediates.define(stacked, inner), 3)
+    squares = intermediates.define_all([ca.sumsqr(vector) for vector in vectors])
+    halves = [half_angle(square) for square in squares]
+    return intermediates.define_all(
+        [
+            ca.vertcat(half[0], half[1] * vector)
+            for vector, half in zip(vectors, halves, strict=True)
+        ]
+    )
 
 
 def _section_of_term(
@@ -248,15 +251,16 @@ def _forces(
     """Return the forces at the stages in the frame at the first node, and the residual of F_k."""
     method = gauss(structure.stages)
     F_next = x.w_next[3:] if structure.has_force else ca.SX.zeros(3)
-    F = []
-    for dead in ca.horzsplit(x.dead):
-        F.append(intermediates.define(frame_at_node.T @ (x.load_factor * dead + x.force + F_next)))
+    beyond = [x.load_factor * dead + x.force + F_next for dead in ca.horzsplit(x.dead)]
+    F = intermediates.define_all([frame_at_node.T @ force for force in beyond])
     if not structure.has_force:
         return F, []
-    F = [
-        intermediates.define(dead + x.h * weighted_sum(method.b - a, loads))
-        for dead, a in zip(F, method.a, strict=True)
-    ]
+    F = intermediates.define_all(
+        [
+            dead + x.h * weighted_sum(method.b - a, loads)
+            for dead, a in zip(F, method.a, strict=True)
+        ]
+    )
     return F, [x.w[3:] - F_next - x.h * frame_at_node @ weighted_sum(method.b, loads)]
 
 
@@ -274,14 +278,16 @@ def _moments(
     """
     method = gauss(structure.stages)
     parts = zip(kinematics.tangents, F, moments, strict=True)
-    rates = [
-        intermediates.define(ca.cross(tangent, force) + moment) for tangent, force, moment in parts
-    ]
+    rates = intermediates.define_all(
+        [ca.cross(tangent, force) + moment for tangent, force, moment in parts]
+    )
     M_next = x.w_next[:3] + x.moment
     mean_rate = intermediates.define(weighted_sum(method.b, rates))
     row = x.w[:3] - M_next - x.h * kinematics.frame_at_node @ mean_rate
     M_local = intermediates.define(kinematics.frame_at_node.T @ M_next)
-    M = [intermediates.define(M_local + x.h * weighted_sum(method.b - a, rates)) for a in method.a]
+    M = intermediates.define_all(
+        [M_local + x.h * weighted_sum(method.b - a, rates) for a in method.a]
+    )
     return M, row
 
 
