@@ -124,14 +124,19 @@ class CollocationMap:
             not np.array_equal(T, each.tensions) or each.system.scene != self.system.scene
             for T, each in zip(tensions, near, strict=True)
         ]
-        ends = newton(self.system, self._starts(tensions, near, moved), CHORD_RADIUS)
+        states = self.transfer_states(tensions, near)
+        starts = [
+            Start(T, 1.0, row, history="near" if new else each.history)
+            for T, row, each, new in zip(tensions, states, near, moved, strict=True)
+        ]
+        ends = newton(self.system, starts, CHORD_RADIUS)
         far = [i for i, end in enumerate(ends) if end is None and moved[i]]
         if not far:
             return ends
         others = [near[i] for i in far]
-        starts = self._starts(
-            np.array([each.tensions for each in others]), others, [True] * len(far)
-        )
+        before = np.array([each.tensions for each in others])
+        states = self.transfer_states(before, others)
+        starts = [Start(T, 1.0, row, history="near") for T, row in zip(before, states, strict=True)]
         begun = newton(self.system, starts, CHORD_RADIUS)
         for k, other in enumerate(others):
             if begun[k] is None and other.system.scene != self.system.scene:
@@ -151,16 +156,6 @@ class CollocationMap:
             for (i, _), end in zip(on_line, followed, strict=True):
                 ends[i] = end.point if end.fraction == 1.0 else None
         return ends
-
-    def _starts(
-        self, tensions: Array, near: Sequence[Equilibrium], moved: Sequence[bool]
-    ) -> list[Start]:
-        """Return initial guesses of Newton's method; `moved` marks new tensions or loads."""
-        states = self.transfer_states(tensions, near)
-        return [
-            Start(T, 1.0, row, history="near" if new else each.history)
-            for T, row, each, new in zip(tensions, states, near, moved, strict=True)
-        ]
 
     def solve_towards(self, tensions: Array) -> Equilibrium:
         """Return the last equilibrium on the line from rest to tensions (n_tendons,).

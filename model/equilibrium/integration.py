@@ -28,8 +28,9 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.kernels import Places
-from octoplan.model.rod.rod_term import ElementLoad, RodPoints, SectionView
+from octoplan.model.rod.rod_term import ElementLoad, SectionView
 from octoplan.model.rod.structure import (
+    RodPoints,
     RodStructure,
     of_term,
     section_values,

@@ -53,24 +53,6 @@ class RungeKutta:
         return tuple(sorted(set(self.nodes)))
 
 
-# J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964): order 6
-# in seven stages.
-RK6 = RungeKutta(
-    "rk6",
-    6,
-    (0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1),
-    (11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120),
-    (
-        (),
-        (1 / 3,),
-        (0, 2 / 3),
-        (1 / 12, 1 / 3, -1 / 12),
-        (-1 / 16, 9 / 8, -3 / 16, -3 / 8),
-        (0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
-        (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11),
-    ),
-)
-
 # G. J. Cooper, J. H. Verner, "Some explicit Runge-Kutta methods of high order", SIAM J. Numer.
 # Anal. 9 (1972): order 8 in eleven stages.
 _R = 21**0.5

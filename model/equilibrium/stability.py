@@ -113,7 +113,11 @@ def _definite(blocks: _ElementBlocks, P: Array) -> NDArray[np.bool_]:
     remaining = np.arange(count)
     for k in reversed(range(elements)):
         balance = blocks.balance[:, k] + blocks.wrench_beyond[:, k] @ (P @ blocks.rotation[:, k])
-        definite = np.array([_is_definite(S) for S in balance[:, w:, 3:]], dtype=bool)
+        pivots = balance[:, w:, 3:]
+        # A pivot may have eigenvalues with positive real parts only, but no such symmetric part.
+        definite = np.array(
+            [not dpotrf(S + S.T)[1] or _has_positive_parts(S) for S in pivots], dtype=bool
+        )
         if not definite.all():
             remaining = remaining[definite]
             balance = balance[definite]
@@ -127,10 +131,8 @@ def _definite(blocks: _ElementBlocks, P: Array) -> NDArray[np.bool_]:
     return result
 
 
-def _is_definite(S: Array) -> bool:
+def _has_positive_parts(S: Array) -> bool:
     """Return whether the real parts of all eigenvalues of a pivot are positive."""
-    if not dpotrf(S + S.T)[1]:
-        return True
     return bool(np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all())
 
 

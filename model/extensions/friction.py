@@ -32,7 +32,8 @@ from octoplan.model.effects.base import Effect, EffectSet
 from octoplan.model.mesh import Counts, tendon_paths
 from octoplan.model.paths import Array, Path
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.rod_term import RodPoints, RodTerm, SectionView, Sizes, TendonView, Values
+from octoplan.model.rod.rod_term import RodTerm, SectionView, Sizes, TendonView, Values
+from octoplan.model.rod.structure import RodPoints
 from octoplan.model.rotations import norm
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.value import NotNegative, Sign, value

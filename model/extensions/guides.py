@@ -33,7 +33,8 @@ from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.element import zero
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Kernel, Places
-from octoplan.model.rod.rod_term import RodPlaces, RodTerm
+from octoplan.model.rod.rod_term import RodTerm
+from octoplan.model.rod.structure import RodPlaces
 from octoplan.model.rotations import POSE, matrices, norm, unit_matrix
 from octoplan.model.scene import Scene
 from octoplan.model.support.machine.functions import cached

@@ -21,7 +21,7 @@ from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import Extension
 from octoplan.model.effects.base import Effect, Rules
 from octoplan.model.equilibrium.explicit import ExplicitEquilibrium, ExplicitMap
-from octoplan.model.equilibrium.runge_kutta import RK6, RungeKutta
+from octoplan.model.equilibrium.runge_kutta import RungeKutta
 from octoplan.model.mesh import Counts, base_pose, crossing, graded, stations, tendon_offsets
 from octoplan.model.paths import Array
 from octoplan.model.rotations import compose, inverse, multiply, rotate
@@ -33,6 +33,24 @@ from octoplan.model.support.value import value
 from octoplan.model.tendons import LENGTH_POINTS
 
 __all__ = ["PrintedStatics"]
+
+# J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964): order 6
+# in seven stages.
+RK6 = RungeKutta(
+    "rk6",
+    6,
+    (0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1),
+    (11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120),
+    (
+        (),
+        (1 / 3,),
+        (0, 2 / 3),
+        (1 / 12, 1 / 3, -1 / 12),
+        (-1 / 16, 9 / 8, -3 / 16, -3 / 8),
+        (0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
+        (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11),
+    ),
+)
 
 # Names of the effects that the printed equations exclude besides statics and friction.
 _LOADS = (

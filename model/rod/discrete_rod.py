@@ -29,9 +29,10 @@ from octoplan.model.rod.element import element, node_kernel_name
 from octoplan.model.rod.equations import ParameterValues
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.layout import Layout, layout
-from octoplan.model.rod.rod_term import RodPoints, RodTerm, Values
+from octoplan.model.rod.rod_term import RodTerm, Values
 from octoplan.model.rod.structure import (
     NodeGroup,
+    RodPoints,
     RodStructure,
     TermStructure,
     group_node_terms,

@@ -27,9 +27,10 @@ import casadi as ca
 from octoplan.model.cross_section.law import join
 from octoplan.model.rod.collocation import gauss, rotation_vectors, weighted_sum
 from octoplan.model.rod.kernels import Intermediates, Kernel
-from octoplan.model.rod.rod_term import NodeView, SectionView, Symbols, check_declared
+from octoplan.model.rod.rod_term import NodeView, RodTerm, SectionView, Symbols
 from octoplan.model.rod.structure import RodStructure, TermStructure, of_term
 from octoplan.model.rotations import POSE, half_angle, multiply, unit_matrix
+from octoplan.model.support.errors import InputError
 
 
 class ElementSymbols:
@@ -220,6 +221,13 @@ def _section_of_term(
         variables=section.variables[first:last],
         parameters=of_term(structure, k, x.of_terms, stage),
     )
+
+
+def check_declared(term: RodTerm, load: ca.SX, has_force: bool) -> None:
+    """Raise InputError if a term has a shape-dependent load that the rod would leave out."""
+    if load.nnz() and not has_force:
+        name = f"{type(term).__name__}.depends_on_shape"
+        raise InputError(name, False, "True for a term with shape-dependent forces")
 
 
 def _load(structure: RodStructure, x: ElementSymbols, section: SectionView, stage: int) -> ca.SX:

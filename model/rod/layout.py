@@ -22,8 +22,8 @@ from octoplan.model.paths import Mask
 from octoplan.model.rod.element import clamp, element, node, node_kernel_name, tip, zero
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Places
-from octoplan.model.rod.rod_term import RodPlaces, RodTerm
-from octoplan.model.rod.structure import NodeGroup, RodStructure
+from octoplan.model.rod.rod_term import RodTerm
+from octoplan.model.rod.structure import NodeGroup, RodPlaces, RodStructure
 from octoplan.model.rod.tendons import (
     body,
     idle_tendon,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -11,9 +11,12 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.mesh import Counts, Mesh, volume
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.rod_term import NodeView, RodPoints, RodTerm, SectionView, Sizes, Values
+from octoplan.model.rod.rod_term import NodeView, RodTerm, SectionView, Sizes, Values
 from octoplan.model.rotations import norm
 from octoplan.model.support.checks import LARGEST
+
+if TYPE_CHECKING:
+    from octoplan.model.rod.structure import RodPoints
 
 Vector = tuple[float, ...]
 # Number of arc lengths at which the largest radius is sought.

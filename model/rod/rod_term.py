@@ -12,21 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.mesh import Counts, Mesh, Stations
+from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
-from octoplan.model.rod.kernels import Name, Places
-from octoplan.model.support.errors import InputError
+from octoplan.model.rod.kernels import Name
 
 if TYPE_CHECKING:
     from octoplan.model.cross_section.law import CrossSection
+    from octoplan.model.rod.structure import RodPlaces, RodPoints
 
 # Sizes of parameters, and their symbols or values, by name.
 Sizes = dict[str, int]
@@ -141,70 +141,6 @@ class NodeView:
     frame: ca.SX
     variables: ca.SX
     parameters: Symbols
-
-
-@dataclass(frozen=True, eq=False)
-class RodPoints:
-    """Cross-sections of an arm at which section and tendon parameters are evaluated.
-
-    Attributes
-    ----------
-    arm : Arm
-    stations : Stations
-        Geometry of the n cross-sections.
-    terms : tuple of RodTerm
-        All terms of the rod.
-    """
-
-    arm: Arm
-    stations: Stations
-    terms: tuple[RodTerm, ...]
-
-    @cached_property
-    def dead_load(self) -> Array:
-        """The dead loads (3, n) of all terms per unit reference length [N/m]."""
-        result = np.zeros((3, self.stations.s.size))
-        for term in self.terms:
-            result += term.dead_load_per_length(self.arm, self.stations.s)
-        return result
-
-
-class KernelStructure(Protocol):
-    """The law and the number of stages of a rod."""
-
-    @property
-    def law(self) -> CrossSection:
-        """The law of the cross-sections."""
-
-    @property
-    def stages(self) -> int:
-        """The number of stages of an element."""
-
-
-class RodPlaces(NamedTuple):
-    """Places of the states of a rod of N elements, for the kernels of a term.
-
-    Attributes
-    ----------
-    structure : KernelStructure
-    n_before_states : int
-        Number of unknowns before the states.
-    nodes : (N + 1, 7 + n_wrench)
-        Pose, moment and force of the nodes.
-    inside : (n, N)
-        Stage variables of the elements.
-    variables : (N + 1, n_node_variables)
-        Node variables of the term.
-    acting : tuple of int
-        The nodes at which the term acts, see RodTerm.nodes.
-    """
-
-    structure: KernelStructure
-    n_before_states: int
-    nodes: Places
-    inside: Places
-    variables: Places
-    acting: tuple[int, ...]
 
 
 class RodTerm:
@@ -530,10 +466,3 @@ class RodTerm:
             Lengths of these elements [m].
         """
         return np.zeros((*shares.shape, 0))
-
-
-def check_declared(term: RodTerm, load: ca.SX, has_force: bool) -> None:
-    """Raise InputError if a term has a shape-dependent load that the rod would leave out."""
-    if load.nnz() and not has_force:
-        name = f"{type(term).__name__}.depends_on_shape"
-        raise InputError(name, False, "True for a term with shape-dependent forces")

@@ -1,19 +1,21 @@
-"""The structure of a rod: its law and its terms without parameters, and parameters by term."""
+"""The structure of a rod: its law and its terms without parameters, and the parameters by term."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import CrossSection, size
-from octoplan.model.mesh import Counts, Mesh
+from octoplan.model.mesh import Counts, Mesh, Stations
 from octoplan.model.paths import Array
-from octoplan.model.rod.rod_term import RodPoints, RodTerm, Sizes, Symbols, Values
+from octoplan.model.rod.kernels import Places
+from octoplan.model.rod.rod_term import RodTerm, Sizes, Symbols, Values
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,58 @@ def _consecutive(sizes: list[int], start: int = 0) -> tuple[slice, ...]:
         slices.append(slice(start, start + count))
         start += count
     return tuple(slices)
+
+
+@dataclass(frozen=True, eq=False)
+class RodPoints:
+    """Cross-sections of an arm at which section and tendon parameters are evaluated.
+
+    Attributes
+    ----------
+    arm : Arm
+    stations : Stations
+        Geometry of the n cross-sections.
+    terms : tuple of RodTerm
+        All terms of the rod.
+    """
+
+    arm: Arm
+    stations: Stations
+    terms: tuple[RodTerm, ...]
+
+    @cached_property
+    def dead_load(self) -> Array:
+        """The dead loads (3, n) of all terms per unit reference length [N/m]."""
+        result = np.zeros((3, self.stations.s.size))
+        for term in self.terms:
+            result += term.dead_load_per_length(self.arm, self.stations.s)
+        return result
+
+
+class RodPlaces(NamedTuple):
+    """Places of the states of a rod of N elements, for the kernels of a term.
+
+    Attributes
+    ----------
+    structure : RodStructure
+    n_before_states : int
+        Number of unknowns before the states.
+    nodes : (N + 1, 7 + n_wrench)
+        Pose, moment and force of the nodes.
+    inside : (n, N)
+        Stage variables of the elements.
+    variables : (N + 1, n_node_variables)
+        Node variables of the term.
+    acting : tuple of int
+        The nodes at which the term acts, see RodTerm.nodes.
+    """
+
+    structure: RodStructure
+    n_before_states: int
+    nodes: Places
+    inside: Places
+    variables: Places
+    acting: tuple[int, ...]
 
 
 # Members that extend cross-sections and tendons, not the nodes alone.

@@ -16,7 +16,8 @@ from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.layout import Layout
-from octoplan.model.rod.rod_term import ElementLoad, RodPlaces, RodTerm
+from octoplan.model.rod.rod_term import ElementLoad, RodTerm
+from octoplan.model.rod.structure import RodPlaces
 from octoplan.model.rotations import POSE
 from octoplan.model.support.machine.functions import cached
 

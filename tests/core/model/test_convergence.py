@@ -12,8 +12,8 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitEquilibrium
-from octoplan.model.equilibrium.runge_kutta import RK6, RK8, RungeKutta
-from octoplan.model.extensions.printed import PrintedMap
+from octoplan.model.equilibrium.runge_kutta import RK8, RungeKutta
+from octoplan.model.extensions.printed import RK6, PrintedMap
 from octoplan.model.forward import ForwardMap
 from octoplan.model.rod.collocation import MAGNUS4, MAGNUS6, Magnus
 from octoplan.model.rod.discrete_rod import system
