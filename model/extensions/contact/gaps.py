@@ -69,13 +69,18 @@ def least_gaps(system: DiscreteRod, x: Array, places: Places = ()) -> Places:
         least[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
     k, j = np.nonzero(least)
     at, reach, gaps = s[k], widest[k], np.zeros((k.size, 1))
-    for _ in range(_AMONG * bool(k.size)):
+    for _ in range(_AMONG):
+        if not k.size:
+            break
         ends = np.maximum(at - reach, THROUGH * L), np.minimum(at + reach, L)
         stations = np.linspace(*ends, _AMONG, axis=1)
         values, _ = along(system, x, stations.ravel(), np.repeat(j, _AMONG))
         gaps = values[:, 0].reshape(-1, _AMONG)
         at = stations[np.arange(k.size), gaps.argmin(axis=1)]
         reach = (ends[1] - ends[0]) / (_AMONG - 1)
+        # Between stations gaps are smaller by at most the distance of the stations.
+        maybe = gaps.min(axis=1) < reach
+        k, j, at, reach, gaps = k[maybe], j[maybe], at[maybe], reach[maybe], gaps[maybe]
     low = gaps.min(axis=1) < -THROUGH * L
     lowest = zip(j[low].tolist(), at[low].tolist(), strict=True)
     return tuple(Place(number, place, place) for number, place in sorted(set(lowest)))

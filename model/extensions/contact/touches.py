@@ -103,28 +103,34 @@ def kernel_numbers(system: DiscreteRod, kernel: str) -> Array:
 
 
 def forces(system: DiscreteRod, states: Array) -> Array:
-    """Return the contact force of each node on each obstacle (N + 1, K) [N]."""
-    return np.asarray(states[contact_places(system.layout).touches[:, :, 0]])
+    """Return the contact force of each node on each obstacle (..., N + 1, K) [N].
+
+    `states` are (..., n_states).
+    """
+    return np.asarray(states[..., contact_places(system.layout).touches[:, :, 0]])
 
 
 def second(system: DiscreteRod, states: Array) -> Array:
-    """Return the second unknown of each node and obstacle (N + 1, K): pressure [N/m], or a shift.
+    """Return the second unknown of each node and obstacle (..., N + 1, K).
 
-    The shift [m] is the distance along the arm from the node to the contact point.
+    The second unknown is the pressure [N/m], or the distance along the arm from the node to the
+    contact point [m]. `states` are (..., n_states).
     """
-    return np.asarray(states[contact_places(system.layout).touches[:, :, 1]])
+    return np.asarray(states[..., contact_places(system.layout).touches[:, :, 1]])
 
 
 def resultants(system: DiscreteRod, states: Array) -> Array:
-    """Return the normal forces of the obstacles at the nodes (N + 1, K) [N].
+    """Return the normal forces of the obstacles at the nodes (..., N + 1, K) [N].
 
-    The lever rule distributes a pressure that is linear between two nodes to both nodes.
+    The lever rule distributes a pressure that is linear between two nodes to both nodes. `states`
+    are (..., n_states).
     """
     touches = ContactFlags.of(system)
     p, thirds = second(system, states) * touches.pressing, np.diff(system.mesh.s)[:, None] / 3
     total = forces(system, states) * touches.held
-    total[:-1] += thirds * touches.lies[:-1] * (p[:-1] + p[1:] / 2)
-    total[1:] += thirds * touches.lies[:-1] * (p[:-1] / 2 + p[1:])
+    before, beyond = p[..., :-1, :], p[..., 1:, :]
+    total[..., :-1, :] += thirds * touches.lies[:-1] * (before + beyond / 2)
+    total[..., 1:, :] += thirds * touches.lies[:-1] * (before / 2 + beyond)
     return np.asarray(total)
 
 

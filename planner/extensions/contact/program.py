@@ -36,7 +36,6 @@ from octoplan.model.extensions.contact.touches import (
     forces,
     places_of,
     resultants,
-    second,
 )
 from octoplan.model.paths import Array
 from octoplan.model.rotations import POSE
@@ -260,11 +259,10 @@ class TensionProgram:
         T = np.clip(self.unit * tensions, lower, upper)
         tensions, room = T / self.unit, np.stack([upper - T, T - lower]) / self.unit
         point, by_tensions = self._equilibrium_near(T, near)
-        measured = self._residuals(point)
-        grasp, values = measured(0 * point.states)
         steps = _STEP * self.unit * by_tensions.T
-        differences = [measured(step)[1] - measured(-step)[1] for step in steps]
-        rows = np.column_stack([values, np.array(differences).T / (2 * _STEP)])
+        grasp, values = self._residuals(point)(np.vstack([0 * point.states, steps, -steps]))
+        ahead, behind = np.split(values[1:], 2)
+        rows = np.column_stack([values[0], (ahead - behind).T / (2 * _STEP)])
         equal, unequal, grasped = np.split(rows, np.cumsum(self._counts))
         if self.least or self.begin is None:
             unequal = np.vstack([self._margin(point, tensions), unequal])
@@ -294,10 +292,11 @@ class TensionProgram:
         return point, released.by_tensions
 
     def _residuals(self, point: Equilibrium) -> Callable[[Array], tuple[Grasp, Array]]:
-        """Return a function from changes of the states to the grasp and to all values.
+        """Return a function from changes of the states (b, n_states) to the values (b, m) there.
 
-        Values are residuals and inequalities of the targets, then the numbers of the grasp. Raises
-        UnsettledContactError if the arm does not touch a held object.
+        The function also returns the grasp of the first change. Values are residuals and
+        inequalities of the targets, then the numbers of the grasp. Raises UnsettledContactError if
+        the arm does not touch a held object.
         """
         system, arm = point.system, self.task.arm
         nodes = system.layout.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
@@ -314,22 +313,35 @@ class TensionProgram:
         if not all(any(on) for _, on in leans):
             raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
 
-        def at(change: Array) -> tuple[Grasp, Array]:
-            states = point.states + change
-            terms = self._terms.dense(states[nodes].ravel(), self._numbers, np.zeros(0))
-            moved = second(system, change)[which][:, None] * tangents
-            places, forces = system.poses(states)[which[0], 4:] + moved, resultants(system, states)
-            grasps = list[Grasp]()
+        positions = system.layout.nodes[which[0], 4:7]
+        shifts = contact_places(system.layout).touches[which[0], which[1], 1]
+        has_terms = any(self._counts)
+
+        def at(changes: Array) -> tuple[Grasp, Array]:
+            states = point.states + changes
+            places = states[:, positions] + changes[:, shifts, None] * tangents
+            pressed = resultants(system, states)[:, *which]
+            touched = list[tuple[Array, Array]]()
             for hold, on in leans:
-                normals, gaps = (
-                    hold.obstacle.gradient(places[on]),
-                    hold.obstacle.distance(places[on]),
+                flat = places[:, on].reshape(-1, 3)
+                normals, gaps = hold.obstacle.gradient(flat), hold.obstacle.distance(flat)
+                pair = flat - gaps[:, None] * normals, normals
+                touched.append(tuple(each.reshape(len(states), -1, 3) for each in pair))
+            grasps, rows = list[Grasp](), list[Array]()
+            for i, each in enumerate(states):
+                grasp = Grasp.joined(
+                    [
+                        Grasp.at(arm, hold, points[i], normals[i], pressed[i, on])
+                        for (hold, on), (points, normals) in zip(leans, touched, strict=True)
+                    ]
                 )
-                points = places[on] - gaps[:, None] * normals
-                grasps.append(Grasp.at(arm, hold, points, normals, forces[which][on]))
-            grasp = Grasp.joined(grasps)
-            numbers = [*terms[:3], grasp.still, grasp.most, grasp.columns]
-            return grasp, np.concatenate([np.ravel(each) for each in numbers])
+                numbers = [grasp.still, grasp.most, grasp.columns]
+                if has_terms:
+                    terms = self._terms.dense(each[nodes].ravel(), self._numbers, np.zeros(0))
+                    numbers = [*terms[:3], *numbers]
+                grasps.append(grasp)
+                rows.append(np.concatenate([np.ravel(number) for number in numbers]))
+            return grasps[0], np.array(rows)
 
         return at
 
