@@ -162,8 +162,7 @@ def test_the_wrench_of_a_light_touch_grows_before_all_of_it_is_held() -> None:
     heavy, path = with_growing_wrench(program, touching)
     assert path
     [grown] = equilibrium_contacts(heavy)
-    share = np.linalg.norm(grown.force) / np.linalg.norm(hold.wrench)
-    assert 0.3 < share < 1
+    assert Grasp.of(ARM, [grown], hold).least == pytest.approx(0.0, abs=1e-2)
 
 
 @pytest.mark.slow

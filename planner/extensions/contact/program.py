@@ -320,13 +320,14 @@ class TensionProgram:
         def at(changes: Array) -> tuple[Grasp, Array]:
             states = point.states + changes
             places = states[:, positions] + changes[:, shifts, None] * tangents
-            pressed = resultants(system, states)[:, *which]
+            pressed = resultants(system, states)[:, which[0], which[1]]
             touched = list[tuple[Array, Array]]()
             for hold, on in leans:
                 flat = places[:, on].reshape(-1, 3)
                 normals, gaps = hold.obstacle.gradient(flat), hold.obstacle.distance(flat)
-                pair = flat - gaps[:, None] * normals, normals
-                touched.append(tuple(each.reshape(len(states), -1, 3) for each in pair))
+                points = flat - gaps[:, None] * normals
+                shape = len(states), -1, 3
+                touched.append((points.reshape(shape), normals.reshape(shape)))
             grasps, rows = list[Grasp](), list[Array]()
             for i, each in enumerate(states):
                 grasp = Grasp.joined(

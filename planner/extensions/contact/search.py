@@ -12,15 +12,13 @@ from operator import attrgetter
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.extensions.contact.effects import contacts, without_contacts, without_friction
+from octoplan.model.extensions.contact.effects import without_friction
 from octoplan.model.extensions.contact.sharp import close
-from octoplan.model.extensions.obstacles.base import Convex
-from octoplan.model.paths import Array, Mask
+from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, UnsettledContactError
 from octoplan.model.support.progress import OutOfTime, check_time, report, reserve
 from octoplan.planner.certificate import Optimality
-from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import (
     ON_THE_PATH,
     LoadPath,
@@ -30,11 +28,11 @@ from octoplan.planner.extensions.contact.load_path import (
 )
 from octoplan.planner.extensions.contact.optimum import MET, ContactOptimum, first_order, optimum
 from octoplan.planner.extensions.contact.program import TensionProgram
+from octoplan.planner.extensions.contact.touching import arms_that_touch
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
-from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
-from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, RelaxationStage
-from octoplan.planner.targets.backbone import Backbone
+from octoplan.planner.solve.guesses import initial_guesses
+from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA
 
 # Refinement of the search's mesh.
 COARSE = 1
@@ -48,18 +46,15 @@ _SAME = 0.1
 # Numbers of legs of the load paths that are tried if the straight path leads elsewhere. The
 # certificate settles each leg.
 _LEGS = (1, 3, 8)
-# Smallest share of a wrench, the factor from one share to the next, and the share from which the
-# next is all of the wrench.
-_LEAST_SHARE, _GROWTH, _NEARLY = 1e-3, 2.5, 0.7
+# Smallest share of a wrench; the factor from one share to the next at first, of which the root is
+# taken if a share cannot be balanced; the factor at which the growth ends.
+_LEAST_SHARE, _GROWTH, _SLOWEST = 0.05, 4.0, 1.5
 # Largest number of guesses that are left because they press against the wrench.
 _MOST_LEFT = 4
 # Violation, over the size of the share, with which a share of a wrench counts as balanced.
 _BALANCED = 1e-2
 # Shares of the change of tensions to the optimum without friction.
 _SLID = (1.0, 1.5, 2.5)
-# Number of arms that are drawn for a hold; number of the nearest of these, around which as many
-# arms are drawn again; spread of the logarithms of their bends.
-_DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
 
 
 def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:
@@ -142,27 +137,28 @@ class ContactSearch:
         coarse = TensionProgram(task, COARSE, stated.stability_bound)
         fine = TensionProgram(task, FINE, stated.stability_bound)
         from_all = np.inf if task.guesses else N_EQUAL_OPTIMA + bool(coarse.holds)
-        reaching = chain.from_iterable(_free_arms_reaching(task, hold) for hold in coarse.holds)
-        guesses = reaching if coarse.holds else initial_guesses(task)
-        from_rest = ((tuple(T.tolist()),) for T in guesses)
+        guesses: Iterator[tuple[LoadPath, Equilibrium | None]]
+        guesses = (((tuple(T.tolist()),), None) for T in initial_guesses(task))
+        if coarse.holds:
+            guesses = chain.from_iterable(arms_that_touch(coarse, hold) for hold in coarse.holds)
+        begun = ((load_path, None) for load_path in nearby)
         n_left = 0
-        for tried, load_path in enumerate(chain(nearby, from_rest), 1):
+        for tried, (load_path, touching) in enumerate(chain(begun, guesses), 1):
             report("initial guesses", tried - 1, task.max_guesses)
+            is_from_rest = tried > len(nearby)
             with suppress(OctoplanError):
-                touching = coarse.along(load_path)
-                if n_left < _MOST_LEFT and presses_against(coarse, touching):
+                point = touching or coarse.along(load_path)
+                if n_left < _MOST_LEFT and presses_against(coarse, point):
                     n_left += 1
                     continue
-                begin, grown = with_growing_wrench(coarse, touching)
+                begin, grown = with_growing_wrench(coarse, point)
                 end = optimum(coarse, begin)
                 end = replace(end, load_path=(*load_path, *grown, *end.load_path))
                 cheapest = all(end.cost < each.cost for each in self.optima)
                 self.optima.append(end)
                 if not end.violation and cheapest and n_equal_optima(_trials(self.optima)) < 2:
                     self.best = self._refined_optimum(fine, end)
-            enough = n_equal_optima(_trials(self.optima)) >= (
-                from_all if tried > len(nearby) else needed
-            )
+            enough = n_equal_optima(_trials(self.optima)) >= (from_all if is_from_rest else needed)
             missed = hasty and self.best is None and len(self.optima) > N_EQUAL_OPTIMA
             if enough or missed or tried == task.max_guesses:
                 break
@@ -185,14 +181,15 @@ class ContactSearch:
         for way in _short_paths(end.load_path):
             with suppress(OctoplanError):
                 begun = time.monotonic()
-                shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
-                per_step = (time.monotonic() - begun) / (len(way) + 1)
+                path = (*way, tuple(T.tolist()))
+                shape = settled_along(arm, path, T, scene, ON_THE_PATH, self.task.machine_code)
+                per_step = (time.monotonic() - begun) / len(path)
                 there = fine.settled(T, shape.collocated)
                 if close(there, end.point, _SAME):
                     refined = self._on_finer_mesh(fine, optimum(fine, there))
                     if bool(refined.violation) == bool(end.violation):
                         reserve(CERTIFICATE_TIME * per_step)
-                        return replace(refined, load_path=way)
+                        return replace(refined, load_path=path)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
     def _on_finer_mesh(self, program: TensionProgram, end: ContactOptimum) -> ContactOptimum:
@@ -222,12 +219,12 @@ def presses_against(program: TensionProgram, point: Equilibrium) -> bool:
 def with_growing_wrench(
     program: TensionProgram, begin: Equilibrium
 ) -> tuple[Equilibrium, LoadPath]:
-    """Return the equilibrium in which an arm holds nearly all of the wrenches, and the tensions.
+    """Return the equilibrium in which an arm about holds the wrenches, and the tensions before.
 
     A guess touches the object in about the right direction, but presses too little. Least
     violation of all of the wrench may lead to another edge or side of the object. Therefore the
     wrench grows from the size of the forces of the guess, and each share is balanced in turn. The
-    growth ends where a share cannot be balanced.
+    growth slows down if a share cannot be balanced, and ends if a slow growth fails as well.
     """
     path: LoadPath = ()
     if not program.holds:
@@ -236,16 +233,20 @@ def with_growing_wrench(
     arm = program.task.arm
     wrench = np.concatenate([hold.scaled(arm) / hold.size(arm) for hold in program.holds])
     share = float(np.linalg.norm(still - wrench) / np.linalg.norm(wrench))
-    share = max(share, _LEAST_SHARE)
-    while share < _NEARLY:
+    share = min(max(share, _LEAST_SHARE), 1.0)
+    held, growth = 0.0, _GROWTH
+    while held < 1 and growth > _SLOWEST:
+        end: ContactOptimum | None = None
         with suppress(OctoplanError):
             end = optimum(program.with_wrenches(share), begin, enough=_BALANCED)
-            if end.violation > _BALANCED:
-                break
+        if end is not None and end.violation <= _BALANCED:
             begin, path = end.point, (*path, *end.load_path, tuple(end.point.tensions.tolist()))
-            share *= _GROWTH
-            continue
-        break
+            held = share
+        elif not held:
+            break
+        else:
+            growth = np.sqrt(growth)
+        share = min(held * growth, 1.0)
     return begin, path
 
 
@@ -255,60 +256,6 @@ def _short_paths(load_path: LoadPath) -> Iterator[LoadPath]:
     for legs in sorted({min(each, len(load_path)) for each in _LEGS} - {0}):
         kept = np.linspace(0, len(load_path), legs, endpoint=False).astype(int)
         yield tuple(load_path[i] for i in kept)
-
-
-def _free_arms_reaching(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
-    """Yield tensions of free arms that, under their loads, would penetrate the held object.
-
-    The starts are arms without loads that penetrate the object. For each, a plan finds the tensions
-    that bring the deepest place there under loads. Arms that are clear of other obstacles come
-    first; then arms whose contact force would balance the wrench within the cone of friction, by
-    increasing effort. Few drawn arms reach a
-    small object; as many again are drawn around the nearest arms.
-    """
-    arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
-    others = [each.obstacle for each in contacts(task.scene) if each.obstacle != body]
-    tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
-    bends = BendCoordinates(arm, tendons, task.allowed)
-
-    def deepest(points: Array) -> tuple[Array, Array, Array, Array, Mask]:
-        """Return tensions, and the place of the smallest gap of each arm: position, s and gap.
-
-        Then whether the arm goes through another obstacle.
-        """
-        tensions = bends.tensions(points)
-        places, s = many_places(task, tensions)
-        radii = arm.outer_radius(s)[0]
-
-        def gaps_from(obstacle: Convex) -> Array:
-            gaps = obstacle.distance(places.reshape(-1, 3)).reshape(places.shape[:2]) - radii
-            return np.where(np.isnan(gaps), np.inf, gaps)
-
-        gaps = gaps_from(body)
-        through = [gaps_from(other).min(axis=1) < 0 for other in others]
-        each, k = np.arange(len(gaps)), gaps.argmin(axis=1)
-        hits = np.any([*through, np.zeros(len(gaps), dtype=bool)], axis=0)
-        return tensions, places[each, k], s[k], gaps[each, k], hits
-
-    points = bends.draw(_DRAWN)
-    *_, gaps, _ = deepest(points)
-    nearest = points[np.argsort(gaps, kind="stable")[:_NEAREST]]
-    around = np.repeat(nearest, _DRAWN // _NEAREST, axis=0)
-    points = np.vstack([points, around * np.exp(_SPREAD * rng.normal(size=around.shape))])
-    tensions, places, s, gaps, hits = deepest(points)
-    reaches = gaps < 0
-    tensions, places, s = tensions[reaches], places[reaches], s[reaches]
-    hits = hits[reaches]
-    force = np.array(hold.wrench[:3])
-    force /= max(float(np.linalg.norm(force)), 1e-300)
-    against = body.gradient(places) @ force if len(places) else np.zeros(0)
-    within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
-    options, scene = task.options.replace(margin=0.0), without_contacts(task.scene)
-    for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within, hits)):
-        there = Backbone((tuple(places[i].tolist()),), (float(s[i]),))
-        free = replace(task, targets=(there,), scene=scene, options=options)
-        loaded = RelaxationStage(free, "closest").solve_from(tensions[i])
-        yield tensions[i] if loaded is None else loaded.tensions
 
 
 def optimality_of(
