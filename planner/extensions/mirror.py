@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
@@ -50,12 +49,30 @@ def _mirrored(arm: Arm, angle: float, poses: Array) -> Array:
     """
     own_normal = np.array([0.0, -np.sin(angle), np.cos(angle)])
     normal = np.array(arm.base_frame) @ own_normal
-    half, own_half = (Rotation.from_rotvec(np.pi * axis) for axis in (normal, own_normal))
-    frames = half * Rotation.from_quat(poses[:, :4], scalar_first=True) * own_half
     heights = (poses[:, 4:] - arm.base_position) @ normal
-    return np.hstack(
-        [frames.as_quat(scalar_first=True), poses[:, 4:] - 2 * np.outer(heights, normal)]
+    frames = poses[:, :4] @ _half_turns(normal, own_normal).T
+    return np.hstack([frames, poses[:, 4:] - 2 * np.outer(heights, normal)])
+
+
+def _half_turns(a: Array, b: Array) -> Array:
+    """Return the matrix (4, 4) of q -> (0, a) q (0, b), the product of quaternions."""
+    left = np.array(
+        [
+            [0, -a[0], -a[1], -a[2]],
+            [a[0], 0, -a[2], a[1]],
+            [a[1], a[2], 0, -a[0]],
+            [a[2], -a[1], a[0], 0],
+        ]
     )
+    right = np.array(
+        [
+            [0, -b[0], -b[1], -b[2]],
+            [b[0], 0, b[2], -b[1]],
+            [b[1], -b[2], 0, b[0]],
+            [b[2], b[1], -b[0], 0],
+        ]
+    )
+    return np.asarray(left @ right)
 
 
 def mirror_images(problem: PlanningProblem, shape: Shape) -> Iterator[tuple[float, Array]]:

@@ -12,6 +12,7 @@ and the distinct fits are the guesses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,12 +21,13 @@ from octoplan.model.effects.sections import Extension
 from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import MAGNUS4
+from octoplan.model.scene import Scene
 from octoplan.model.support.progress import check_time
 from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import factorised, tension_scales
 from octoplan.planner.solution import NlpSolution
-from octoplan.planner.targets.target_set import residual_function
+from octoplan.planner.targets.target_set import TargetSet, residual_function
 
 # Number of conditions of a point, which arms meet in many ways.
 POINT = 3
@@ -128,14 +130,44 @@ def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
 
     Draws take little time, so that the time limit is not checked.
     """
+    targets = task.target_set
     unit = tension_scales(task.arm, task.allowed)
-    bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
-    drawn = bends.tensions(bends.draw(_DRAWN))
-    distance = np.linalg.norm(residuals_of(task)(drawn), axis=1)
+    drawn, poses, stretch = _drawn(
+        task.arm,
+        task.unloaded_scene,
+        task.allowed,
+        targets.tendons,
+        targets.stations,
+        task.machine_code,
+    )
+    distance = np.linalg.norm(_residuals(targets, poses, stretch), axis=1)
     # 0.2 is the weight of a unit of tension beside the distance.
     cheap = distance + 0.2 * np.linalg.norm(drawn / unit, axis=1)
     orders = np.argsort([cheap, distance], axis=1, kind="stable")
     yield from distinct(drawn[np.ravel(orders, "F")], unit, FAR_APART)
+
+
+@lru_cache(maxsize=8)
+def _drawn(
+    arm: Arm,
+    scene: Scene,
+    limits: TendonLimits,
+    tendons: frozenset[int],
+    stations: tuple[float, ...],
+    machine_code: bool,
+) -> tuple[Array, Array, Array]:
+    """Return drawn tensions (m, n_tendons), and poses (m, K, 7) and least stretches (m,) there.
+
+    The draws depend on the targets through tendons and stations alone, so that plans for other
+    targets share the poses.
+    """
+    bends = BendCoordinates(arm, tendons, limits)
+    tensions = bends.tensions(bends.draw(_DRAWN))
+    forward = ClosedForm(arm, scene, MAGNUS4, 1, stations, machine_code)
+    poses, stretch = forward.many(tensions, [forward.mesh.node(s) for s in stations])
+    for values in (tensions, poses, stretch):
+        values.setflags(write=False)
+    return tensions, poses, stretch
 
 
 def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
@@ -223,19 +255,25 @@ def residuals_of(task: PlanningProblem) -> Callable[..., Array]:
     Compliances have the wanted values, so that targets of stiffness have no residual. The optional
     argument `moved` is a function of poses (m, K, 7) that moves the base.
     """
-    targets, at = task.target_set, task.target_set.stations
+    targets = task.target_set
+    at = targets.stations
     forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 1, at, task.machine_code)
-    nodes, gaps_of = [forward.mesh.node(s) for s in at], residual_function(targets.terms)
+    nodes = [forward.mesh.node(s) for s in at]
 
     def residuals(tensions: Array, moved: Callable[[Array], Array] | None = None) -> Array:
         poses, stretch = forward.many(tensions, nodes)
-        poses = poses if moved is None else moved(poses)
-        numbers = np.tile(targets.numbers, (len(tensions), 1))
-        (gaps,) = gaps_of(poses.reshape(len(tensions), -1), numbers)
-        gaps = np.hstack([gaps, 10 * np.maximum(0.05 - stretch, 0.0)[:, None]])
-        return np.where(np.isfinite(gaps), gaps, np.nan)
+        return _residuals(targets, poses if moved is None else moved(poses), stretch)
 
     return residuals
+
+
+def _residuals(targets: TargetSet, poses: Array, stretch: Array) -> Array:
+    """Return the residuals (m, k) of poses (m, K, 7) and least stretches (m,)."""
+    m = len(poses)
+    numbers = np.tile(targets.numbers, (m, 1))
+    (gaps,) = residual_function(targets.terms)(poses.reshape(m, -1), numbers)
+    gaps = np.hstack([gaps, 10 * np.maximum(0.05 - stretch, 0.0)[:, None]])
+    return np.where(np.isfinite(gaps), gaps, np.nan)
 
 
 def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
