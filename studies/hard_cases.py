@@ -124,7 +124,7 @@ def _draw_families(ax: Axes, table: list[Family]) -> None:
         ax.plot([each.tolerance] * 2, [i - 0.4, i + 0.4], color="#b3123f", lw=2)
         refused = len(each.verdicts) - len(errors)
         if refused:
-            ax.text(3e-6, i, f"{refused} refused", va="center", fontsize="small")
+            ax.text(2 * each.tolerance, i, f"{refused} refused", va="center", fontsize="small")
     ax.plot([], [], "o", color="#1f6fb4", ms=4, label="a member")
     ax.plot([], [], color="#b3123f", lw=2, label="allowed")
     ax.set_yticks(range(len(table)), [each.name for each in table])

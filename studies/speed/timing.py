@@ -17,8 +17,10 @@ T = TypeVar("T")
 Work = Callable[[], Any]
 Clock = Callable[[], float]
 # Least duration of a measurement [s]. Shorter calls are repeated, because reading the clock costs
-# time.
-_LEAST = 2e-3
+# time, and some machines advance the processor time in steps of milliseconds.
+_LEAST = 10e-3
+# Largest number of calls in a measurement.
+_MOST = 1000
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,10 @@ def while_budget(least: int, most: int, budget: float) -> Iterator[int]:
 def calls_for(work: Work) -> int:
     """Return the number of calls for one measurement. The first call builds and does not count."""
     work()
-    return max(1, min(1000, int(np.ceil(_LEAST / max(seconds(work), 1e-7)))))
+    calls = 1
+    while calls < _MOST and calls * seconds(work, calls) < _LEAST:
+        calls *= 2
+    return calls
 
 
 def repeated(work: Work, repeats: int) -> Spread:
