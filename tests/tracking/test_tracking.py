@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.contact import Contact
 from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.paths import Array
 from octoplan.model.support.errors import SingularError
 from octoplan.planner import Limits, Plan, Tracker, load_plan, plan
 from octoplan.planner.extensions.base_joints.joints import BaseJoints
@@ -28,6 +30,7 @@ from octoplan.planner.targets import (
     TipPointing,
     TipPosition,
 )
+from octoplan.planner.targets.base import Terms, View
 
 ARM = Arm.from_paper("table-2")
 L = ARM.length
@@ -299,6 +302,26 @@ def test_unsuitable_plans_are_refused() -> None:
     for allowed, given in unsuitable_plans().items():
         with pytest.raises(InputError, match=f"plan = .*: must be {allowed}"):
             Tracker(given)
+
+
+@dataclass(frozen=True)
+class Root(Target):
+    """The height of the start, and its distance along x, times the root of a parameter."""
+
+    factor: float
+
+    def parameters(self, arm: Arm) -> Array:
+        return np.array([self.factor])
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        off = (view.tip - ca.DM(START)) / view.arm.length
+        return Terms(equality={"height": off[2], "along x": ca.sqrt(p[0]) * off[0]})
+
+
+def test_steps_to_terms_without_a_value_are_not_reached() -> None:
+    tracker = Tracker(plan(ARM, Root(1.0), PAPER, 20.0))
+    assert not tracker.step(Root(-1.0)).reached
+    assert tracker.step(Root(2.0)).reached
 
 
 def test_plans_without_limits_are_tracked() -> None:

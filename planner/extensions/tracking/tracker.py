@@ -321,7 +321,8 @@ class Tracker:
             )
             for name in dict.fromkeys(names)
         }
-        reached = max(residuals.values(), default=0.0) <= problem.task.accuracy
+        # NaN is not reached.
+        reached = all(value <= problem.task.accuracy for value in residuals.values())
         reasons = [] if reached else self._reasons(begin, advance)
         # Limits of the change keep the effort from its minimum.
         held = np.any(np.abs(T - begin.tensions) >= (1 - _HELD_RTOL) * self._limits.change)
