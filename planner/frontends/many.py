@@ -44,6 +44,10 @@ class FailedPlan(Plan):
         """Raise OctoplanError with the reason."""
         raise OctoplanError(self.reason)
 
+    def plot(self, ax: Any = None) -> Any:
+        """Raise OctoplanError with the reason."""
+        raise OctoplanError(self.reason)
+
     @property
     def tip(self) -> Array:
         """Position of the tip (3,), nan."""

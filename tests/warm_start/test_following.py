@@ -176,6 +176,8 @@ def test_a_bad_target_does_not_lose_the_others() -> None:
     assert lost.reason in repr(lost)
     with pytest.raises(OctoplanError, match="section = 7"):
         _ = lost.shape
+    with pytest.raises(OctoplanError, match="section = 7"):
+        lost.plot()
 
 
 def test_an_unforeseen_error_is_that_of_its_target(monkeypatch: pytest.MonkeyPatch) -> None:
