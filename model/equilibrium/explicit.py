@@ -290,8 +290,10 @@ class ClosedForm(ExplicitMap):
         self._data = statics.data(arm, scene, self._at)
         self._base = base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
-        self._kind = (statics, scheme, statics.is_explicit)
-        integrator = cached(_integrator, *self._kind, machine_code, self.mesh.steps, self._h.size)
+        by_pull = statics.is_explicit
+        integrator = cached(
+            _integrator, statics, scheme, by_pull, machine_code, self.mesh.steps, self._h.size
+        )
         if self._h.size <= _MAX_EXPANDED and not machine_code:
             integrator = cached(ca.Function.expand, integrator)
         self._integrate = cached(BufferedFunction, integrator)
@@ -307,11 +309,16 @@ class ClosedForm(ExplicitMap):
     def function(self) -> ca.Function:
         """See ExplicitMap."""
         T = ca.MX.sym("T", self.arm.n_tendons)
-        sizes = (self.mesh.steps, self._h.size)
         pull = ca.sparsify(ca.DM(self._maps.reshape(-1, T.numel()))) @ T
         known = [ca.reshape(each, -1, self._h.size) for each in (pull, ca.DM(self._data.T))]
         integrator = cached(
-            _integrator, self._statics, self.scheme, True, self.machine_code, *sizes
+            _integrator,
+            self._statics,
+            self.scheme,
+            True,
+            self.machine_code,
+            self.mesh.steps,
+            self._h.size,
         )
         poses, strains = integrator(self._base, *known, ca.DM(self._h).T)
         along = ca.reshape(strains, 4, -1)[3, :]
@@ -335,7 +342,8 @@ class ClosedForm(ExplicitMap):
         """See ExplicitMap.many: in batches."""
         if len(tensions) <= FEW and not self.machine_code:
             return super().many(tensions, nodes)
-        step = cached(VectorInterpreter, cached(_step, *self._kind, True), self.machine_code)
+        one_step = cached(_step, self._statics, self.scheme, self._statics.is_explicit, True)
+        step = cached(VectorInterpreter, one_step, self.machine_code)
         base = np.append(self._base, np.inf)[:, None]
         some = _BATCH[self.machine_code]
         every = nodes is not None
@@ -389,7 +397,8 @@ class ClosedForm(ExplicitMap):
 
         inside = (left[:, None] + (s - left)[:, None] * np.array(self.scheme.nodes)).ravel()
         known = self._known(*at(inside, np.repeat(active, len(self.scheme.nodes))), tensions)
-        across = cached(BatchFunction, cached(_step, *self._kind))
+        one_step = cached(_step, self._statics, self.scheme, self._statics.is_explicit)
+        across = cached(BatchFunction, one_step)
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
         maps, data = at(s, active)
         there = reported(statics.law, solve_sections(statics, maps @ tensions, data))

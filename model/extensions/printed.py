@@ -4,8 +4,8 @@ A state x is the pose (7,), then tau, xi, k. Sums are the tendons' resultants (6
 octoplan.model.cross_section.law; body is E A, E J, G I. Steps are explicit Runge-Kutta steps
 between the nodes of a mesh, and at each anchorage the strains jump. The equations carry an error
 made at the tip to the base multiplied by D(tip) / D(base), which for a tapered arm is small; from
-base to tip it would grow by the inverse. Quaternions are not held to unit length, and drift by the
-order of the scheme: whatever reads them divides by it.
+base to tip the error would grow by the inverse. The length of quaternions drifts by the order of
+the scheme, and all results divide by this length.
 """
 
 from __future__ import annotations
@@ -161,17 +161,22 @@ def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
 
     x after a step, x on the node's base side, and 1 + q at both of these, the node first.
     """
-    x, outer, h = ca.SX.sym("x", 10), ca.SX.sym("outer", 6), ca.SX.sym("h")
+    x = ca.SX.sym("x", 10)
+    outer = ca.SX.sym("outer", 6)
+    h = ca.SX.sym("h")
     d = ca.SX.sym("d", 18, len(scheme.samples))
-    first, last = d[:, 0], d[:, -1]
+    first = d[:, 0]
+    last = d[:, -1]
     # The jump of eq. (11), whatever other tendons cross the anchorage.
     _, cos, sin, cos2, _, sin2 = ca.vertsplit(first[:6] - outer)
     jump = ca.vertcat(0, -sin / (sin2 + first[13]), cos / (cos2 + first[13]))
     start = ca.vertcat(x[:7], x[7:] + jump)
     at = [scheme.samples.index(node) for node in scheme.nodes]
     after = scheme.step(lambda stage, x: _slope(extension, x, d[:, at[stage]]), start, h)
-    pairs = (start, first), (after, last)
-    along = [stretch(extension, each[7:], at[:6], at[12:15]) for each, at in pairs]
+    along = [
+        stretch(extension, start[7:], first[:6], first[12:15]),
+        stretch(extension, after[7:], last[:6], last[12:15]),
+    ]
     results = [after, start, ca.vertcat(*along)]
     return ca.Function("across", [x, outer, d, h], results, {"cse": True})
 
@@ -180,7 +185,7 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
     """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
     at = stations(arm, s, active)
     (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
-    rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
+    rates = [0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate]
     maps = np.stack([crossing(arm, at), *resultants(n, b, n_rate, b_rate)[1:6], *rates], axis=1)
     # E A, E J and G I of the solid circle.
     body = ca.DM(arm.section_stiffness(s)[:, [0, 1, 3]].reshape(6, -1))
@@ -191,9 +196,8 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
 class PrintedMap(ExplicitMap):
     """The forward map of a scene as printed, on one mesh.
 
-    Its `stretch_at` are the nodes from the tip on, on their base side, then the same on the tip
-    side of the nodes below.
-
+    `stretch_at` contains the nodes from tip to base, on their base side, then the tip side of the
+    next node towards the base.
     """
 
     scheme: RungeKutta
@@ -209,20 +213,27 @@ class PrintedMap(ExplicitMap):
         at: tuple[float, ...] = (),
         machine_code: bool = False,
     ) -> None:
-        self.refinement, self.machine_code = refinement, machine_code
-        self.arm, self.scene, self.scheme = arm, scene, scheme
+        self.refinement = refinement
+        self.machine_code = machine_code
+        self.arm = arm
+        self.scene = scene
+        self.scheme = scheme
         self.mesh = mesh = graded(arm, refinement, at)
         self._across = kernel(_across(scene.has(Extension), scheme), machine_code)
-        T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([1, *[0] * 9]))
-        # From the tip on, where no tendons cross beyond the first node.
-        start, h, active = mesh.s[:0:-1], -np.diff(mesh.s)[::-1], mesh.active[::-1]
+        T = ca.MX.sym("T", arm.n_tendons)
+        x = ca.MX(ca.DM([1, *[0] * 9]))
+        # Begin at the tip: no tendons cross beyond the first node.
+        start = mesh.s[:0:-1]
+        h = -np.diff(mesh.s)[::-1]
+        active = mesh.active[::-1]
         outer = section_numbers(arm, start, np.append(0, active[:-1]), T)[:6, :]
         samples = self._samples(start, h, active, T)
-        march = self._across.mapaccum(mesh.steps)
-        after, begun, along = march(x, outer, samples, ca.DM(h).T)
+        integrator = self._across.mapaccum(mesh.steps)
+        after, begun, along = integrator(x, outer, samples, ca.DM(h).T)
         poses = ca.horzcat(begun, after[:, -1])[:7, ::-1]
-        # In the base frame, from those in the tip's.
-        first, point = ca.SX.sym("first", 7), ca.SX.sym("point", 7)
+        # Convert poses from the frame of the tip to the base frame.
+        first = ca.SX.sym("first", 7)
+        point = ca.SX.sym("point", 7)
         tip = ca.vertcat(first[:4] / ca.norm_2(first[:4]), first[4:])
         pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(tip)), point)
         anchor = ca.Function("anchor", [first, point], [pose]).map(poses.shape[1])
@@ -251,9 +262,11 @@ class PrintedMap(ExplicitMap):
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        active, start = self.mesh.active[step], self.mesh.s[step + 1]
+        active = self.mesh.active[step]
+        start = self.mesh.s[step + 1]
         there = strains[self.mesh.steps - 1 - step, :3]
-        x, h = ca.DM(np.hstack([poses[step + 1], there]).T), s - start
+        x = ca.DM(np.hstack([poses[step + 1], there]).T)
+        h = s - start
         d = self._samples(start, h, active, ca.DM(tensions))
         across = self._across.map(s.size)
         after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)
