@@ -111,6 +111,17 @@ def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
     assert p.reached, p.outcome
 
 
+@pytest.mark.slow
+def test_a_tip_of_a_heavy_arm_is_met_on_finer_meshes() -> None:
+    """The tip was 4.8e-7 of the length off: it converges with the square of the mesh width."""
+    arm, ball = Arm.from_paper("table-2"), Sphere((0.0362, -0.013, -0.0884), 0.0567)
+    scene = Scene.silicone() + Weight() + Contact(ball)
+    target = TipPosition((0.13458, 0.01136, -0.24109))
+    p = plan(arm, target, scene, 3.1, starts=1, accuracy=1e-7)
+    assert p.reached, p.outcome
+    assert p.shape.contacts
+
+
 def test_a_tip_that_the_arm_meets_without_a_touch_is_planned() -> None:
     """Quantities at the contacts were requested without a contact, which raised an error."""
     arm = bar(0.3, 0.006, 2e5)

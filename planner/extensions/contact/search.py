@@ -38,6 +38,9 @@ from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA
 COARSE = 1
 # Refinement of the mesh of plans.
 FINE = 2 * COARSE
+# Refinements of the meshes on which an optimum has to meet the constraints, in this order, until
+# the constraints are met without a further optimum.
+_FINER = 2 * FINE, 4 * FINE, 8 * FINE
 # Time for shape and certificate, which are more accurate, over the time for one step of the load
 # path in the search. The path itself is not settled again.
 CERTIFICATE_TIME = 4.0
@@ -195,16 +198,19 @@ class ContactSearch:
     def _on_finer_mesh(self, program: TensionProgram, end: ContactOptimum) -> ContactOptimum:
         """Return an optimum that meets the constraints on a mesh of twice the elements, too.
 
-        Wrenches of contact forces converge more slowly than positions.
+        Wrenches of contact forces, and positions of heavy neo-Hookean arms, converge more slowly
+        than other positions.
         """
-        if not program.holds or end.violation:
+        if end.violation:
             return end
         with suppress(OutOfTime):
-            finer = TensionProgram(self.task, 2 * FINE, program.least)
-            there = finer.settled(end.point.tensions, end.point)
-            violation = finer.at(end.point.tensions / finer.unit, there).violation
-            if violation > MET * self.task.accuracy:
-                return optimum(finer, there)
+            for refinement in _FINER:
+                finer = TensionProgram(self.task, refinement, program.least)
+                there = finer.settled(end.point.tensions, end.point)
+                violation = finer.at(end.point.tensions / finer.unit, there).violation
+                if violation <= MET * self.task.accuracy:
+                    break
+                end = optimum(finer, there)
         return end
 
 
