@@ -98,6 +98,15 @@ def test_targets_may_come_from_generators(planned: Plan) -> None:
     assert swept == sweep_of(ARM, axes, SCENE, [GOAL], tension_max=20.0).job
 
 
+def test_sweeps_accept_numpy_integers() -> None:
+    axes = {"arm.E_kPa": {"distribution": "uniform", "low": 100.0, "high": 120.0}}
+    numbers = {"draws": np.int64(4), "seed": np.int64(3)}
+    swept = sweep_of(ARM, axes, SCENE, tensions=T, **numbers)
+    assert swept.axes[0].values == pytest.approx(
+        sweep_of(ARM, axes, SCENE, tensions=T, draws=4, seed=3).axes[0].values
+    )
+
+
 @pytest.mark.parametrize("target", [np.array(3), "tip", {"tip": GOAL}, iter([]), None], ids=str)
 def test_other_objects_are_no_targets(target: Any) -> None:
     with pytest.raises(InputError, match="must be a target such as TipPosition"):

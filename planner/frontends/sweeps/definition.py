@@ -273,9 +273,9 @@ def sweep_of(
             }
             for key, item in axes.items()
         ],
-        "seed": seed,
+        "seed": encode(seed),
     }
-    entries |= {} if draws is None else {"draws": draws}
+    entries |= {} if draws is None else {"draws": encode(draws)}
     table = {
         "scene": scene_table(arm, scene, target if isinstance(target, Target) else targets, **keys),
         "sweep": entries,
