@@ -43,7 +43,7 @@ FINE = 2 * COARSE
 _FINER = 2 * FINE, 4 * FINE, 8 * FINE
 # Time for shape and certificate, which are more accurate, over the time for one step of the load
 # path in the search. The path itself is not settled again.
-CERTIFICATE_TIME = 4.0
+CERTIFICATE_TIME = 6.0
 # Largest rotation of frames between two meshes for the same equilibrium [rad].
 _SAME = 0.1
 # Numbers of legs of the load paths that are tried if the straight path leads elsewhere. The
