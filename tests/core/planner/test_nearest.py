@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
 from octoplan.model.effects import ExactTendons, Extension, Shear, Weight
 from octoplan.model.paths import Array
 from octoplan.planner import plan
@@ -58,8 +58,8 @@ def _least_of_grid(
     arm: Arm, place: tuple[float, ...], scene: Scene, maxima: tuple[float, ...], levels: int
 ) -> float:
     shares = product(np.linspace(0.0, 1.0, levels), repeat=arm.n_tendons)
-    tips = [settle(arm, np.array(maxima) * share, scene, 1e-4).tip for share in shares]
-    return float(np.linalg.norm(np.array(tips) - place, axis=1).min())
+    tips = settle_many(arm, np.array(list(shares)) * maxima, scene, 1e-4).tip
+    return float(np.linalg.norm(tips - place, axis=1).min())
 
 
 def test_nearest_tip_of_a_helical_arm_is_as_near_as_a_grid() -> None:
