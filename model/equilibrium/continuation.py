@@ -1,7 +1,9 @@
 """Continuation of equilibria along straight lines of tensions and load factor, or of the loads.
 
-A step predicts the states along the tangent and corrects them by Newton's method. Many branches are
-continued side by side, because they share the calls of the kernels.
+A step predicts the states to second order, from the tangents at the last two equilibria, and
+corrects them by Newton's method. The poses are integrated from the predicted strains: the tangent
+of a pose is accurate for small rotations only, and a slender tip rolls up by several turns. Many
+branches are continued side by side, because they share the calls of the kernels.
 
 If the loads change, such as for a payload that a bent arm picks up, the parameters of the equations
 change along a straight line from the old loads to the new loads.
@@ -28,6 +30,7 @@ from octoplan.model.equilibrium.stability import are_stable, is_stable
 from octoplan.model.loads import with_loads_of
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
+from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
 from octoplan.model.support.progress import check_time, report
 
@@ -159,6 +162,11 @@ class _Branch:
         The fraction of the last prediction.
     start_is_stable : bool or None
         Whether the first equilibrium is stable; None until it is needed.
+    tangent : (Equilibrium, float, Array) or None
+        The last equilibrium of a prediction, its fraction, and the derivative of its states by the
+        fraction.
+    tangent_before : (Equilibrium, float, Array) or None
+        The same for the equilibrium before.
     """
 
     start: BranchEnd
@@ -171,9 +179,11 @@ class _Branch:
     crushed: CrushedCheck | None
     fraction: float = 0.0
     start_is_stable: bool | None = None
+    tangent: tuple[Equilibrium, float, Array] | None = None
+    tangent_before: tuple[Equilibrium, float, Array] | None = None
 
     def predict(self, min_step: float, is_late: bool) -> Start | None:
-        """Return the guess of the next equilibrium along the tangent; None if the branch ends.
+        """Return the guess of the next equilibrium; None if the branch ends.
 
         With `is_late`, a branch of crushing tensions ends.
         """
@@ -187,7 +197,11 @@ class _Branch:
             self.end = self.end._replace(why=BUCKLES)
             return None
         layout = point.system.layout
-        rate = point.by_direction(self.goal - self.begin)
+        if self.tangent is None or self.tangent[0] is not point:
+            rate = point.by_direction(self.goal - self.begin)
+            self.tangent_before = self.tangent
+            self.tangent = point, reached, rate
+        rate = self.tangent[2]
         rotation = 2 * self.step * float(np.abs(rate[layout.nodes[:, :4]]).max())
         step = self.step * min(1.0, MAX_STEP_ROTATION / max(rotation, MAX_STEP_ROTATION))
         if step < min_step * max(reached, min_step):
@@ -200,10 +214,26 @@ class _Branch:
         return Start(
             at[: layout.n_tendons],
             float(at[layout.n_tendons]),
-            point.states + (self.fraction - reached) * rate,
+            self.predicted_states(),
             tolerance_factor=self.tolerance_factor if is_last else self.path_tolerance_factor,
             history=point.history,
         )
+
+    def predicted_states(self) -> Array:
+        """Return the states (n_states,) at the fraction of the prediction, to second order.
+
+        If the step is longer than the last step, the change of the tangent is that of the last
+        step: extrapolation further than that is unreliable near folds.
+        """
+        assert self.tangent is not None
+        point, reached, rate = self.tangent
+        step = self.fraction - reached
+        states = point.states + step * rate
+        if self.tangent_before is not None:
+            _, before, rate_before = self.tangent_before
+            last_step = reached - before
+            states += step * min(step / last_step, 1.0) / 2 * (rate - rate_before)
+        return with_poses(point.system, states)
 
     def is_near(self, point: Equilibrium) -> bool:
         """Return whether all frames rotate less than the limit from the last equilibrium."""
@@ -225,6 +255,14 @@ class _Branch:
         self.end = BranchEnd(point, self.fraction)
         self.step *= 2
         return True
+
+
+def with_poses(system: DiscreteRod, states: Array) -> Array:
+    """Return states (n_states,) whose poses are integrated from their strains."""
+    result = states.copy()
+    layout = system.layout
+    result[layout.nodes[:, :POSE]] = system.integrate_poses(states[layout.stages])
+    return result
 
 
 def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equilibrium | None:

@@ -121,6 +121,10 @@ class ReducedProgram:
         lower, upper = self.row_bounds
         return np.maximum(np.maximum(lower - rows, rows - upper), 0.0)
 
+    def violation_after(self, d: Array) -> float:
+        """Return the sum of the violations after a step d (n,), by linearised rows."""
+        return float(self.violation(self.rows + self.jacobian @ d).sum())
+
     def box(self, width: float) -> tuple[Array, Array]:
         """Return the bounds (n,) of a step; tensions and base joints change by `width` at most."""
         lbx, ubx, _, _ = self.problem.bounds

@@ -60,7 +60,7 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
     on the way, if the arm settles to another shape from rest, or if the arm buckles.
     """
     task, last, before = optimum.problem.task, None, np.inf
-    shape: Shape | None = None
+    shape = _shape_on_mesh(optimum) if optimum.problem.forward.loads_first else None
     tolerance = max(min(task.accuracy, COARSEST_ACCURACY) / SAFETY_FACTOR, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
@@ -86,6 +86,18 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
                 break
         return last if last is not None and _is_held(last, tolerance) else None
     return None
+
+
+def _shape_on_mesh(optimum: NlpSolution) -> Shape:
+    """Return the shape of an optimum on the mesh of the program.
+
+    Descents end at shapes that the arm takes, so that the arm settles near them: paths from rest
+    are long. The end of the refinement settles the arm from rest.
+    """
+    problem = optimum.problem
+    task = optimum.task
+    point = problem.linearised(optimum.x)
+    return Shape(task.arm, task.scene, np.inf, point, problem.options.refinement)
 
 
 def _is_held(optimum: NlpSolution, tolerance: float) -> bool:

@@ -8,7 +8,7 @@ shapes (both in octoplan.planner.solve.stable_descent).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import merge
 from itertools import chain, islice
@@ -35,9 +35,9 @@ N_EQUAL_OPTIMA = 2
 NEARLY_MET = 1e-6
 # Largest difference of the scaled unknowns of equal optima [-].
 SAME_OPTIMUM = 1e-4
-# Number of steps after which a multistart of two or more descents ends if there is an optimum:
-# most targets have equal optima after 60 steps.
-MAX_STEPS = 150
+# Number of steps after which a multistart of two or more descents ends if there is an optimum. A
+# descent has about 40 steps, and one in eight descents after the second improves the optimum.
+MAX_STEPS = 60
 # Largest number of optima that are solved again with a lower bound on the stability.
 MAX_ENFORCED = 4
 _PHASES: dict[Mode, str] = {
@@ -47,10 +47,16 @@ _PHASES: dict[Mode, str] = {
 }
 
 
-def solve_from_guess(problem: Problem, controls: Array, defect: Array | None = None) -> NlpSolution:
+def solve_from_guess(
+    problem: Problem,
+    controls: Array,
+    defect: Array | None = None,
+    known: Sequence[NlpSolution] = (),
+) -> NlpSolution:
     """Solve a program from tensions [N], and base joints if any, corrected by a defect.
 
     If loads act before tensions, descend from the last stable shape on the way to the tensions.
+    `known` are optima from other guesses, whose shapes the arm takes.
     """
     tensions, joints = np.split(controls, [problem.arm.n_tendons])
     task = problem.task.at_base(tuple(joints.tolist())) if joints.size else problem.task
@@ -58,7 +64,7 @@ def solve_from_guess(problem: Problem, controls: Array, defect: Array | None = N
     if forward.loads_first:
         from octoplan.planner.solve.stable_descent import descend_from_guess
 
-        solution = descend_from_guess(problem, forward, tensions, defect)
+        solution = descend_from_guess(problem, forward, tensions, defect, known)
         if solution is not None:
             return solution
     # Least squares do not converge from an arm far from the equilibrium under the weight.
@@ -153,7 +159,7 @@ class RelaxationStage:
             if until_met and self.some_optimum_meets:
                 return
             report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
-            self._record(solve_from_guess(problem, T, defect))
+            self._record(solve_from_guess(problem, T, defect, self.optima))
 
     def multistart_done(self, descends: bool = False) -> bool:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.

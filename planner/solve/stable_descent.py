@@ -5,22 +5,27 @@ A search imports this file if loads act before tensions, or if an optimum is not
 Under strong loads an arm has several shapes under the same tensions, and solves from a guess often
 end at an unstable one. Each iterate of a descent is an equilibrium on the branch of the last one,
 so that the unknowns are tensions and decisions alone (octoplan.planner.solve.reduced_program). A
-step is taken if it decreases the merit, which is the objective and a penalty of violated rows, and
-if the new shape is stable. The rows state the stability only after a step that was not stable
-enough: the eigenvalue of the least stable mode then has the required stability as bound.
+step is taken if it decreases the merit, and if the new shape is stable. While the linearised rows
+cannot be met in the box of the step, the merit is the objective and a penalty of violations; from
+then on, the augmented Lagrangian, because a penalty of violations shortens steps along curved rows.
+The rows state the stability only near folds: after a step that was not stable enough, or two steps
+to no equilibrium. The eigenvalue of the least stable mode then has the required stability as bound.
 
-Source: Nocedal, Wright, "Numerical Optimization", 2nd ed., 18.5 (S-l1-QP), 15.6 (second-order
-correction).
+Source: Nocedal, Wright, "Numerical Optimization", 2nd ed., 17.3 (augmented Lagrangian), 18.5
+(S-l1-QP), 15.6 (second-order correction).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octoplan.model.equilibrium.collocation_map import CollocationMap
+from octoplan.model.equilibrium.continuation import with_poses
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable
@@ -32,7 +37,7 @@ from octoplan.planner.linearised_blocks import STABILITY, LeastMode
 from octoplan.planner.problem import SEARCH_WEIGHT, Problem
 from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.ipopt import solve
-from octoplan.planner.solve.reduced_program import ReducedProgram, elastic_step
+from octoplan.planner.solve.reduced_program import ReducedProgram, Step, elastic_step
 from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS
 
 # Lower bounds on the stability, tried in this order, if the arm takes another shape under the
@@ -40,6 +45,12 @@ from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS
 STABILITY_FLOORS = (0.3, 0.5)
 # Largest distance of nodes over L at which two shapes are the same [-].
 SAME_SHAPE = 1e-2
+# Excess over the required stability from which on the rows do not state the stability [-]; 1 is an
+# arm at rest. The rows cost as much time as the rest of a step.
+_FAR_FROM_FOLD = 0.2
+# Number of steps in succession to no equilibrium after which the rows state the stability, because
+# a fold is near.
+_LOST = 2
 # Largest number of steps, including steps that fail.
 _STEPS = 80
 # Half the width of the first box, in units of the tensions [-].
@@ -54,6 +65,13 @@ _LARGEST_PENALTY = 1e4
 # steps close to curved rows, so that steps are short.
 _PENALTY_RATIO = 1.5
 _LEAST_PENALTY = 1.0
+# Share of the largest decrease of the linearised violation that each step has, and factor of the
+# penalty until then [-].
+_STEERING = 0.1
+_PENALTY_GROWTH = 3.0
+# Weight of squared violations in the augmented Lagrangian: a violation of 0.01 L weighs as much as
+# a tenth of a usual objective [-].
+_SQUARES = 100.0
 # Share of the predicted decrease below which a step fails [-].
 _FAILS = 0.05
 # Share of the predicted decrease below which a step is corrected, and the box shrinks [-].
@@ -88,13 +106,19 @@ def descend(problem: Problem, start: Equilibrium, defect: Array | None = None) -
 
 
 def descend_from_guess(
-    problem: Problem, forward: CollocationMap, tensions: Array, defect: Array | None = None
+    problem: Problem,
+    forward: CollocationMap,
+    tensions: Array,
+    defect: Array | None = None,
+    known: Sequence[NlpSolution] = (),
 ) -> NlpSolution | None:
     """Return the optimum of a descent from the last stable shape on the way to tensions [N].
 
     If the arm takes another shape under the tensions of the optimum, descend again from there with
     more stability: the arm more often takes shapes with more stability. `forward` has the equations
     of equilibrium at the base of the guess. None if there is no such shape.
+
+    The arm takes the shapes of `known` optima.
     """
     with suppress(OctoplanError, np.linalg.LinAlgError):
         start = forward.solve_towards(tensions)
@@ -103,7 +127,7 @@ def descend_from_guess(
             solution = descend(problem.replace(floor=floor), start, defect)
             count += solution.iterations
             solution = replace(solution, iterations=count)
-            if not solution.converged:
+            if not solution.converged or any(_is_equal(solution, each) for each in known):
                 return solution
             try:
                 start = problem.forward_at(solution.task.arm).solve(solution.tensions)
@@ -168,15 +192,36 @@ class _Descent:
         self.width = _FIRST_WIDTH
         self.penalty = _FIRST_PENALTY
         self.count = 0
+        self._n_lost = 0
+        # Modes that the descent adds are dropped again.
+        self._modes = problem.options.modes
 
     def _at(self, problem: Problem, equilibrium: Equilibrium) -> ReducedProgram:
         """Return the program at an equilibrium."""
         p = problem.parameters(SEARCH_WEIGHT, self._defect)
         return ReducedProgram(problem, equilibrium, p)
 
-    def _merit(self, point: ReducedProgram) -> float:
-        """Return the objective plus the penalty of all violations."""
-        return point.f + self.penalty * float(point.violation(point.rows).sum())
+    def _merit(self, point: ReducedProgram, lam: Array | None) -> float:
+        """Return the objective plus the penalty of all rows."""
+        return point.f + self._penalty_of(point, point.rows, lam)
+
+    def _penalty_of(self, point: ReducedProgram, rows: Array, lam: Array | None) -> float:
+        """Return the penalty of values of the design rows.
+
+        Without multipliers (m,), the sum of violations times the penalty. With multipliers, the
+        terms of the augmented Lagrangian, which hardly oppose steps along curved rows.
+        """
+        if lam is None:
+            return self.penalty * float(point.violation(rows).sum())
+        lower, upper = point.row_bounds
+        is_equality = lower == upper
+        residual = (rows - upper)[is_equality]
+        result = lam[is_equality] @ residual + _SQUARES / 2 * residual @ residual
+        for excess, mu in ((rows - upper, lam), (lower - rows, -lam)):
+            before = np.maximum(mu, 0.0)[~is_equality]
+            now = np.maximum(before + _SQUARES * excess[~is_equality], 0.0)
+            result += float(now @ now - before @ before) / (2 * _SQUARES)
+        return float(result)
 
     def proceed(self) -> bool:
         """Take one step; return whether another step may decrease the merit."""
@@ -185,30 +230,30 @@ class _Descent:
             return False
         point = self.point
         H = point.hessian(self.lam)
-        step = elastic_step(point, H, point.rows, self.penalty, self.width)
+        step = self._step(H)
         if step is None:
             return False
         d = step.change
-        violation = float(point.violation(point.rows).sum())
-        remaining = float(point.violation(point.rows + point.jacobian @ d).sum())
-        if violation > _MET and remaining > 0.99 * violation and self.penalty < _LARGEST_PENALTY:
-            self.penalty *= 10.0
-            return True
-        reduction = self.penalty * (violation - remaining)
-        predicted = reduction - float(point.gradient @ d + d @ H @ d / 2)
-        is_elastic = violation > _MET and remaining > violation / 2
+        violation = point.violation_after(np.zeros_like(d))
+        is_elastic = point.violation_after(d) > _MET
+        lam = None if is_elastic else step.lam
+        model = point.f + float(point.gradient @ d + d @ H @ d / 2)
+        model += self._penalty_of(point, point.rows + point.jacobian @ d, lam)
+        predicted = self._merit(point, lam) - model
         size = float(np.abs(d[point.problem.controls]).max())
         is_inside = size < 0.9 * self.width
-        if predicted <= (_END_RTOL if is_inside else _LEAST_RTOL) * self._merit(point):
+        scale = point.f + self.penalty * violation
+        is_met = is_elastic or violation <= _MET
+        if is_met and predicted <= (_END_RTOL if is_inside else _LEAST_RTOL) * scale:
             self.lam = step.lam
             return False
-        after, decrease = self._trial(d)
+        after, decrease = self._trial(d, lam)
         if after is not None and decrease < _POOR * predicted:
             # Rows are curved: repeat the step with the rows at its end.
             rows = after.rows - point.jacobian @ d
             again = elastic_step(point, H, rows, self.penalty, self.width)
             if again is not None:
-                corrected, change = self._trial(again.change)
+                corrected, change = self._trial(again.change, lam)
                 if change > decrease:
                     after, decrease, d = corrected, change, again.change
         if after is not None and decrease > _FAILS * predicted:
@@ -217,13 +262,42 @@ class _Descent:
             elif decrease > _GOOD * predicted and not is_inside:
                 self.width *= _GROWTH
             self._take(after, step.lam, is_elastic)
-        elif after is None and self._is_unstable and not point.problem.options.modes:
-            self.state_stability()
+            self._n_lost = 0
         else:
-            self.width = _CUT * size
+            self._n_lost += after is None
+            ends = self._is_unstable or self._n_lost >= _LOST
+            if after is None and ends and not point.problem.options.modes:
+                self.state_stability()
+            else:
+                self.width = _CUT * size
         return True
 
-    def _trial(self, d: Array) -> tuple[ReducedProgram | None, float]:
+    def _step(self, H: Array) -> Step | None:
+        """Return the step of the quadratic model, or None; increase the penalty if necessary.
+
+        The linearised violation has to vanish if it can in the box, and otherwise has to fall by a
+        share of its largest decrease (steering rules: Byrd, Nocedal, Waltz, Optimization Methods
+        and Software 23, 2008).
+        """
+        point = self.point
+        step = elastic_step(point, H, point.rows, self.penalty, self.width)
+        violation = point.violation_after(np.zeros(len(H)))
+        if step is None or violation <= _MET or point.violation_after(step.change) <= _MET:
+            return step
+        best = elastic_step(point, H, point.rows, _LARGEST_PENALTY, self.width)
+        if best is None:
+            return step
+        least = point.violation_after(best.change)
+        required = (1.0 if least <= _MET else _STEERING) * (violation - least) - _MET
+        while violation - point.violation_after(step.change) < required:
+            if self.penalty * _PENALTY_GROWTH >= _LARGEST_PENALTY:
+                return best
+            self.penalty *= _PENALTY_GROWTH
+            again = elastic_step(point, H, point.rows, self.penalty, self.width)
+            step = best if again is None else again
+        return step
+
+    def _trial(self, d: Array, lam: Array | None) -> tuple[ReducedProgram | None, float]:
         """Return the program after a step, and the decrease of the merit.
 
         None if there is no equilibrium nearby, or if the equilibrium is not stable enough.
@@ -238,7 +312,7 @@ class _Descent:
                 self._is_unstable = not is_stable(equilibrium, bound)
                 if not self._is_unstable:
                     after = self._at(problem, equilibrium)
-                    return after, self._merit(point) - self._merit(after)
+                    return after, self._merit(point, lam) - self._merit(after, lam)
         return None, -np.inf
 
     def _take(self, after: ReducedProgram, lam: Array, is_elastic: bool) -> None:
@@ -252,20 +326,38 @@ class _Descent:
             self.lam = lam
         if not is_elastic:
             self.penalty = max(_LEAST_PENALTY, _PENALTY_RATIO * largest)
+        options = after.problem.options
+        if options.modes > self._modes:
+            excess = options.stability_bound + _FAR_FROM_FOLD
+            if is_stable(after.equilibrium, excess):
+                self._replace_modes(self._modes)
 
     def state_stability(self) -> None:
         """Add the least stable mode to the program."""
-        problem = self.point.problem.replace(modes=1)
+        self._replace_modes(1)
+
+    def _replace_modes(self, modes: int) -> None:
+        """Continue with the least stable mode, or without; the other rows are the same."""
+        before = self.point.problem
+        problem = before.replace(modes=modes)
         if self._defect is not None:
             # The defect of the stability is not known.
-            names = [type(block) for block in problem.blocks]
-            place = problem.program.measured[names.index(LeastMode)]
-            self._defect = np.insert(self._defect, place.start, 0.0)
+            larger = problem if modes else before
+            names = [type(block) for block in larger.blocks]
+            place = larger.program.measured[names.index(LeastMode)].start
+            if modes:
+                self._defect = np.insert(self._defect, place, 0.0)
+            else:
+                self._defect = np.delete(self._defect, place)
+        lam = self.lam[self._is_other_row()]
         self.point = self._at(problem, self.point.equilibrium)
-        kinds = problem.program.row_kinds[: self.point.rows.size]
-        lam = np.zeros(self.point.rows.size)
-        lam[kinds != STABILITY] = self.lam
-        self.lam = lam
+        self.lam = np.zeros(self.point.rows.size)
+        self.lam[self._is_other_row()] = lam
+
+    def _is_other_row(self) -> NDArray[np.bool_]:
+        """Return which design rows (m,) do not state the stability."""
+        kinds = self.point.problem.program.row_kinds[: self.point.rows.size]
+        return np.asarray(kinds != STABILITY, dtype=bool)
 
     def solution(self) -> NlpSolution:
         """Return the last point as a solution."""
@@ -274,7 +366,7 @@ class _Descent:
         lam_x = np.zeros(point.x.size)
         lam_x[: program.n_decision] = -(point.gradient + self.lam @ point.jacobian)
         violations = point.violation(point.rows)
-        others = program.row_kinds[: violations.size] != STABILITY
+        others = self._is_other_row()
         return NlpSolution(
             point.x,
             lam_x,
@@ -301,12 +393,20 @@ def _moved(point: ReducedProgram, d: Array, halves: int = 1) -> Equilibrium | No
         x = point.x.copy()
         x[: d.size] += share * d
         arm = problem.task.at_base(problem.base_joints(x)).arm
-        start = Start(problem.tensions(x), 1.0, states + change / halves)
-        (end,) = newton(problem.forward_at(arm).system, [start])
+        system = problem.forward_at(arm).system
+        start = Start(problem.tensions(x), 1.0, with_poses(system, states + change / halves))
+        (end,) = newton(system, [start])
         if end is None:
             return None
         states = end.states
     return end
+
+
+def _is_equal(optimum: NlpSolution, other: NlpSolution) -> bool:
+    """Return whether an optimum of the same task has nearly the shape and the objective."""
+    if optimum.task.arm != other.task.arm or abs(optimum.f - other.f) > SAME_SHAPE * other.f:
+        return False
+    return _has_shape(optimum, other.problem.linearised(other.x))
 
 
 def _has_shape(optimum: NlpSolution, shape: Equilibrium) -> bool:
