@@ -92,8 +92,8 @@ ROWS = (
         "spacer discs",
         "least energy of a rod with discs; capstan law",
         (
-            "core/effects/test_guides.py::test_arm_with_discs_takes_the_shape_of_least_energy",
-            "core/effects/test_guides.py::test_friction_at_discs_follows_the_capstan_law",
+            "guides/test_guides.py::test_arm_with_discs_takes_the_shape_of_least_energy",
+            "guides/test_guides.py::test_friction_at_discs_follows_the_capstan_law",
         ),
     ),
     Row(
