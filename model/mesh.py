@@ -86,12 +86,13 @@ def graded(
     weights: tuple[float, float] = (1.0, 1.0),
     steps_per_unit: float = 2.0,
 ) -> Mesh:
-    """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
+    """Return a mesh whose steps between required nodes have equal increments of a sum.
 
-    Strains of a slender tip vary about as R^-3: steps that are equal in log R distribute the error
-    evenly. The second term limits the steps of a cylinder. Tendons that turn around the midline
-    shorten the steps in proportion. Doubling the refinement halves each step, so that differences
-    of the two meshes estimate the error.
+    The sum is log R(s) + s/L, plus the turning of tendons and the growth of the solution under
+    loads. Strains of a slender tip vary about as R^-3: steps that are equal in log R distribute the
+    error evenly. The second term limits the steps of a cylinder. Tendons that turn around the
+    midline shorten the steps in proportion. Doubling the refinement halves each step, so that
+    differences of the two meshes estimate the error.
 
     Parameters
     ----------

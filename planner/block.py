@@ -7,8 +7,8 @@ A block adds to the program (octoplan.planner.program) any of
     measurements   quantities of the arm, taken from the unknowns on the mesh of the program; the
                    program adds the defect of the mesh (octoplan.planner.solve.refine)
     rows           expressions of all unknowns and measurements, between bounds
-    misses         expressions whose squares the relaxed program minimises
-    objectives     expressions whose sum replaces the effort
+    misses         expressions whose squares the modes closest and nearest minimise
+    objectives     expressions whose sum, plus the weight times the effort, is the cost
 
 A new constraint is a subclass of Block. `Strategy.constraints` (octoplan.planner.plan) returns
 the Constraints that add its blocks to all programs of a search. A strategy has an entry in

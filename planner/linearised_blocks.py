@@ -187,7 +187,7 @@ class LeastMode(Block):
     ----------
     layout : Layout
     margin : float
-        Least eigenvalue.
+        Least eigenvalue that is allowed: NlpOptions.stability_bound.
     """
 
     layout: Layout

@@ -55,7 +55,8 @@ class NlpOptions:
     modes : 0 or 1
         Number of least stable modes that the program constrains. With 0, stability is only checked.
     floor : float
-        Smallest stability for constrained modes. An arm that is about to yield does not settle.
+        Smallest stability that a program or a descent requires. An arm that is about to
+        yield does not settle.
     """
 
     norm: Norm = "2"
@@ -67,7 +68,7 @@ class NlpOptions:
 
     @property
     def stability_bound(self) -> float:
-        """The lower bound of the stability of constrained modes."""
+        """The lower bound of the stability of constrained modes and of descents."""
         return max(self.margin, self.floor)
 
     def replace(self, **changes: Any) -> NlpOptions:

@@ -1,26 +1,33 @@
-"""Tension allocation as a nonlinear program: multiple shooting in arc length, solved by ipopt.
+"""Tension allocation as a nonlinear program in arc length, solved by ipopt.
 
-    min  1/2 sum_j (T_j / T_ref)^2      over  T, a, S, d  with  S = (R, u, M, F, v, y, z)
+The program states a boundary value problem by multiple shooting: node states are unknowns, segments
+end at anchorages, and jump conditions add the loads at nodes. Inside each element, the equations
+are Gauss collocation. Tensions, and base joints if any, are the controls.
+
+    min  1/2 sum_j (T_j / T_ref)^2      over  T, a, S, d  with  S = (R, u, M, F, v, y, n)
 
     subject to  (R_0, u_0) = clamp,  y_0 = 0                          base condition
-                (R, u)_{k+1} = F(R_k, u_k, v_k)                       kinematics of element k
+                (R, u)_{k+1} = Phi(R_k, u_k, v_k)                     kinematics of element k
                 (M, F)_k = (M, F)_{k+1} + loads of element and node   balance, from tip to base
                 0 = G(R_k, v_k, M_{k+1}, F_{k+1}, T, y_k)             stage equations of element k
                 y_{k+1} = y_k + change over element k + jump          tendon states, with friction
                 (M, F)_N = shape-dependent load and moment at the tip tip condition
-                blocks(S, d) = 0                                      equations of the dependents d
-                target(R, u at its stations + defect) = 0             target rows
-                T_min <= T <= T_max,  1 + q >= 1e-3                   bounds
+                blocks(T, S, d) = 0                                   equations of the dependents d
+                target(R, u at its stations + defect) = 0,
+                soft residuals = 0,  target inequalities >= 0         target rows
+                l <= rows of blocks(T, a, measured + defect) <= u     limits, such as 1 + q >= 1e-3
+                T_min <= T <= T_max                                   bounds
 
 R_k, u_k are the frame and the position of node k, v_k the strains at the Gauss stages of element k
-(with friction also their derivatives), y_k the angles by which tendons have turned, and z the node
+(with friction also their derivatives), y_k the angles by which tendons have turned, and n the node
 variables of contact. The defect is the error of the mesh (octoplan.planner.solve.refine). M_k, F_k
 are the moment and the force that the loads beyond node k and at node k exert; the force omits dead
 loads, whose resultant at each stage is a known number. 1 + q >= 1e-3 is one row for each segment,
-at the thinnest place of its body, in scenes with extension. No unknown is eliminated.
+at the thinnest place of its body, in scenes with extension. The program eliminates no
+unknown; octoplan.planner.solve.reduced_program eliminates the states under strong loads.
 
 The rod (octoplan.model.rod) places kernels whose residuals are added: a row may be the sum of
-several kernels. `dynamics` adds the rows of F, the balance of an element, and in the stage rows
+several kernels. `dynamics` adds the rows of Phi, the balance of an element, and in the stage rows
 minus the local wrench; `stage_equations` adds body and tendons to the stage rows; `jumps` adds the
 loads at a node to the balance of the node.
 
@@ -44,10 +51,10 @@ r of equilibrium and blocks; and
     df/dw,    dg/dw = (dc/dw, D_row^-1 dr/dx D),
     d2/dw2 (sigma f + lambda_c . c) + D (sum_i lambda_i / row_scale_i d2r_i/dx2) D,
 
-with x = D w in SI units, D = diag(scale) and D_row = diag(row_scale). The design rows are not
-divided by scales. ipopt receives the upper triangle of the Hessian. octoplan.model.rod.equations
-sums dr/dx and d2r/dx2 from derivatives of small kernels. The target equalities c_E(w) = 0, a part
-of c, are relaxed to
+with D = diag(scale), D_row = diag(row_scale) and x = D w: tensions, states and dependents in SI
+units, decisions in units of their block. The design rows are not divided by scales. ipopt receives
+the upper triangle of the Hessian. octoplan.model.rod.equations sums dr/dx and d2r/dx2 from
+derivatives of small kernels. The target equalities c_E(w) = 0, a part of c, are relaxed to
 
     min  f(w) + 1/2 |e|^2    subject to  c_E(w) = epsilon (e - e_0),
 

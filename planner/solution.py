@@ -4,13 +4,13 @@ A Solution has the numbers of an optimum, which plans keep and save. An NlpSolut
 program, with unknowns and multipliers.
 
 With tensions and decisions a, dependent unknowns S (states of the rod and dependents of blocks) and
-the equations c(a, S) = 0, whose Jacobian c_S is square and regular, a function r of both has the
+the equations r(a, S) = 0, whose Jacobian r_S is square and regular, a function l of both has the
 derivative
 
-    dr/da = r_a + mu^T c_a,    c_S^T mu = -r_S
+    dl/da = l_a + mu^T r_a,    r_S^T mu = -l_S
 
-along c = 0. With r the Lagrangian of objective and design rows, mu are the multipliers of the
-equations.
+along r = 0. With l = f + lambda . c the Lagrangian of objective and design rows, mu are the
+multipliers of the equations.
 """
 
 from __future__ import annotations

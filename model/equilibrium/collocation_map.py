@@ -3,7 +3,8 @@
 The equilibrium depends on the history of the arm: the loads act first, then the tendons are pulled
 in proportion. An arm that does not bear its loads without tension, such as an upright arm that is
 stiffened by antagonists, is pulled first and loaded afterwards. Weak loads, under which the arm has
-at most one equilibrium, are added in one step to the closed form under full tension. Many sets of
+at most one equilibrium, are added along the branch, usually in one step, to the closed form under
+full tension. Many sets of
 tensions are solved side by side.
 """
 

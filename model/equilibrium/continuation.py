@@ -34,8 +34,7 @@ from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
 from octoplan.model.support.progress import check_time, report
 
-# Smallest step relative to the fraction of the line that is reached. Before the first step: the
-# square root of the smallest fraction.
+# The smallest step is LEAST_STEP times the fraction that is reached, and LEAST_STEP^2 at the start.
 LEAST_STEP = 1 / 8192
 # The same if the place at which a branch ends is not needed.
 ROUGH_STEP = 1 / 32

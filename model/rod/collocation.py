@@ -1,8 +1,9 @@
 """Gauss collocation: tableaus, and Magnus expansions of rotations and poses along an element.
 
 The curvature kappa(x) is the polynomial through the stages, x = (s - s_k) / h in [0, 1]. The
-rotation is the exponential of a truncated Magnus expansion, and so is the pose across an element
-with a twist that varies: frames remain rotations by construction. Because R' = R kappa and
+rotation is the exponential of a truncated Magnus expansion, so that frames remain rotations by
+construction. Elements integrate positions by quadrature; the explicit map without loads integrates
+whole poses by exponentials of rigid motions. Because R' = R kappa and
 g' = g A(s) multiply on the right, brackets have the opposite sign of the brackets for Y' = A Y in
 textbooks.
 Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration" (2006), II.1.3 (Gauss methods);

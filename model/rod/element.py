@@ -37,8 +37,9 @@ class ElementSymbols:
     """Unknowns and parameters of one element.
 
     Unknowns: load factor, (q, u, M, F) at the first node, strains and further variables at the
-    stages, (q, u, M, F) at the last node. Parameters: h, an additional dead force (3,) and moment
-    (3,) at the last node (0 except in sensitivities), the dead resultant (3,) of each stage, and
+    stages, (q, u, M, F) at the last node. Parameters: h, an additional dead force (3,) beyond the
+    element and an additional moment (3,) at its last node (0 except in sensitivities), the dead
+    resultant (3,) of each stage, and
     the parameters of the terms.
     """
 

@@ -1,9 +1,9 @@
 """Programs reduced to tensions and decisions: the equations of equilibrium are eliminated.
 
 By the implicit function theorem, states and dependents S of blocks change with tensions and
-decisions a by dS = - c_S^-1 c_a da, where c(a, S) = 0 are the equations (see
-octoplan.planner.solution). With Z = da/da on top of dS/da, the reduced gradient of a function
-is Z' times the gradient, and the reduced Hessian of the Lagrangian is Z' H Z.
+decisions a by dS = Z da with Z = -r_S^-1 r_a, where r(a, S) = 0 are the equations (see
+octoplan.planner.solution). The reduced gradient of a function is (I Z') times the gradient, and the
+reduced Hessian of the Lagrangian H is (I Z') H (I; Z).
 
 An elastic quadratic program gives a step; it always has a solution. Source: Fletcher, "Practical
 Methods of Optimization", 2nd ed., 14.4.
@@ -156,9 +156,9 @@ def elastic_step(
 ) -> Step | None:
     """Return the step d that minimises a quadratic model within a box, or None.
 
-    Minimise f' d + d H d / 2 + penalty sum s subject to lower - s <= rows + c' d <= upper + s and
-    s >= 0, where c' is the Jacobian of the design rows. By clarabel (Goulart and Chen,
-    arXiv:2405.12762, 2024). None if the solver fails.
+    Minimise f' d + d H d / 2 + penalty sum s subject to lower - s <= rows + J d <= upper + s and
+    s >= 0, where J is the Jacobian of the design rows along the equilibria. By clarabel (Goulart
+    and Chen, arXiv:2405.12762, 2024). None if the solver fails.
     """
     low, high = point.box(width)
     free = high > low

@@ -39,7 +39,8 @@ SAFETY_FACTOR = 3
 # Coarser accuracies count as this accuracy, because optimality has the fixed tolerance
 # KKT_TOLERANCE [-].
 COARSEST_ACCURACY = 1e-6
-# Relative error of margins and efforts on a coarse mesh.
+# Relative error of efforts and margins on a coarse mesh. The test of the stability of an optimum
+# takes the number as an absolute tolerance of the eigenvalue, because margins may be small.
 COARSE_RTOL = 1e-3
 # Defect, over L and in rad, above which the mesh is refined: tensions are off by a few times as
 # much.

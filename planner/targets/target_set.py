@@ -238,7 +238,7 @@ class TargetTerms:
     names : tuple of list of str
         The name of each component of the terms, for each of KINDS.
     equality_weights, inequality_weights : (n,)
-        In the relaxed program, the factor of each equality, and the weight of the slack of each
+        In the mode nearest, the factor of each equality, and the weight of the slack of each
         inequality.
     units : dict
         Unit by name, for terms that have one, see Terms.units.
@@ -307,11 +307,11 @@ class TargetTerms:
 
 @dataclass(frozen=True)
 class TargetRows(Block):
-    """The target rows of the program; the decisions are the slacks s of the relaxed modes.
+    """The target rows of the program; the decisions are the slacks s of the modes with misses.
 
     exact      equality = 0,  soft residual = 0,  inequality >= 0
     closest    equality = 0,  inequality + s >= 0 for inequalities of low priority;
-               minimise |soft residual|^2 + |weight s|^2
+               minimise |soft residual|^2 + |s|^2
     nearest    inequality + s >= 0;
                minimise |weight equality|^2 + |soft residual|^2 + |weight s|^2
 
