@@ -107,7 +107,11 @@ def test_sweeps_accept_numpy_integers() -> None:
     )
 
 
-@pytest.mark.parametrize("target", [np.array(3), "tip", {"tip": GOAL}, iter([]), None], ids=str)
+@pytest.mark.parametrize(
+    "target",
+    [np.array(3), "tip", {"tip": GOAL}, iter([]), None],
+    ids=["array", "text", "dict", "empty iterator", "None"],
+)
 def test_other_objects_are_no_targets(target: Any) -> None:
     with pytest.raises(InputError, match="must be a target such as TipPosition"):
         plan(**GIVEN | {"target": target})
