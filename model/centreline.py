@@ -171,7 +171,7 @@ def stretch_beside(system: DiscreteRod, strains: Array) -> tuple[Array, Array]:
     """
     method = gauss(system.layout.structure.stages)
     _, nu = kinematics(system.layout.structure.law, strains)
-    stretch = nu[:, 0].reshape(system.mesh.steps, -1)
+    stretch = nu[:, 0].reshape(system.mesh.elements, -1)
     before = stretch @ method.at(1.0)
     beyond = np.roll(stretch @ method.at(0.0), -1)
     beyond[-1] = before[-1]

@@ -19,7 +19,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitMap
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.loads import check_loads, convergence_order, is_loaded
+from octoplan.model.loads import check_loads, convergence_order, is_coupled
 from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.scene import Scene
@@ -48,7 +48,7 @@ ROUNDING = 1e-14
 # Safety factor of error estimates.
 CAUTION = 4.0
 # The remedy if the finest mesh is not accurate enough.
-COARSE = "ask for less accuracy or a smoother arm"
+REMEDY = "ask for less accuracy or a smoother arm"
 
 
 def forward_map(
@@ -71,7 +71,7 @@ def forward_map(
         own = effect.forward_map(arm, scene, refinement, at, machine_code)
         if own is not None:
             return own
-    if is_loaded(arm, scene):
+    if is_coupled(arm, scene):
         return CollocationMap(system(arm, scene, STAGES, refinement, at, True, machine_code))
     return ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
 
@@ -89,7 +89,7 @@ def collocation_map(
     With `moments` the equations have torsion and the moment at the nodes, which they have under
     loads in any case. See `forward_map` for the other parameters.
     """
-    if is_loaded(arm, scene):
+    if is_coupled(arm, scene):
         result = forward_map(arm, scene, refinement, at, machine_code)
         assert isinstance(result, CollocationMap)
         return result
@@ -98,7 +98,7 @@ def collocation_map(
 
 def explicit_map(arm: Arm, scene: Scene, refinement: int) -> ExplicitMap:
     """Return the map from tensions to poses in interpreted code, if has_explicit_map."""
-    if is_loaded(arm, scene):
+    if is_coupled(arm, scene):
         return ClosedForm(arm, scene, MAGNUS6, refinement)
     result = forward_map(arm, scene, refinement)
     assert isinstance(result, ExplicitMap)
@@ -125,7 +125,7 @@ class ForwardMaps:
         self.scene = scene
         self.machine_code = machine_code
         self.order = convergence_order(scene, ORDER)
-        self.lever = arm.base_radius * is_loaded(arm, scene)
+        self.lever = arm.base_radius * is_coupled(arm, scene)
         self._maps: dict[int, ForwardMap] = {}
 
     def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:
@@ -234,7 +234,7 @@ def refined(
         before = result
         coarse = refinement
         refinement = next_refinement(refinement, error, accuracy, order)
-    raise ConvergenceError(accuracy, error, COARSE)
+    raise ConvergenceError(accuracy, error, REMEDY)
 
 
 def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:

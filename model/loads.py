@@ -41,7 +41,7 @@ def rod_terms(arm: Arm, scene: Scene) -> tuple[RodTerm, ...]:
     return terms
 
 
-def is_loaded(arm: Arm, scene: Scene) -> bool:
+def is_coupled(arm: Arm, scene: Scene) -> bool:
     """Return whether effects of a scene or tendons couple cross-sections, or twist them.
 
     For all other arms and scenes each cross-section settles by itself.
@@ -52,7 +52,8 @@ def is_loaded(arm: Arm, scene: Scene) -> bool:
 def has_explicit_map(arm: Arm, scene: Scene) -> bool:
     """Return whether each cross-section settles by itself, twisted or not.
 
-    Beyond scenes that are not loaded these are arms whose tendons turn around the midline.
+    Beyond arms and scenes that are not coupled, these are arms whose tendons turn around the
+    midline.
     """
     return not arm.is_guided and not any(term.couples_sections for term in scene.rod_terms)
 

@@ -31,22 +31,22 @@ _TURN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Steps along the arm, from base to tip.
+    """Elements along the arm, from base to tip.
 
     Attributes
     ----------
-    s : (S + 1,)
+    s : (N + 1,)
         Arc lengths of the nodes [m], including all anchorages and requested stations.
-    active : (S,)
-        Number of anchorage sections whose tendons cross each step.
+    active : (N,)
+        Number of anchorage sections whose tendons cross each element.
     """
 
     s: Array
     active: Counts
 
     @cached_property
-    def steps(self) -> int:
-        """The number of steps S."""
+    def elements(self) -> int:
+        """The number of elements N."""
         return self.active.size
 
     def segment_ends(self) -> tuple[Array, Counts]:
@@ -57,7 +57,7 @@ class Mesh:
         return ends, np.repeat(self.active[last], 2)
 
     def points(self, m: int) -> tuple[Array, Array, Counts]:
-        """Return arc lengths, weights and `active` of m Gauss points per step (m S,)."""
+        """Return arc lengths, weights and `active` of m Gauss points per element (m N,)."""
         method = gauss(m)
         h = np.diff(self.s)
         s = self.s[:-1, None] + h[:, None] * method.c
@@ -167,7 +167,7 @@ def kinks(arm: Arm, mesh: Mesh) -> tuple[int, ...]:
         for s in path.kinks()
         if 0 < s < section.at
     }
-    return tuple(sorted({mesh.node(s) for s in places} - {0, mesh.steps}))
+    return tuple(sorted({mesh.node(s) for s in places} - {0, mesh.elements}))
 
 
 def landmarks(arm: Arm, at: Iterable[float] = ()) -> Array:

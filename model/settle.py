@@ -17,9 +17,9 @@ from octoplan.model.equilibrium.continuation import MAX_TOLERANCE_FACTOR
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
 from octoplan.model.equilibrium.newton import STEP_TOL
 from octoplan.model.forward import (
-    COARSE,
     FINEST,
     ORDER,
+    REMEDY,
     ForwardMap,
     ForwardMaps,
     checked_accuracy,
@@ -50,7 +50,7 @@ LOG = logging.getLogger(__name__)
 # The default tip error over arm length.
 ACCURACY = 1e-6
 # Refinement below which a mesh may be too coarse to decide that the arm snaps.
-_COARSE = 16
+_DECISIVE_REFINEMENT = 16
 # Text of the warning about sharp bends: constant, so that Python shows it once per line.
 BENT = "the arm bends sharper than its own radius; see `remarks` of the shape"
 # Text of the warning about stretch: constant, so that Python shows it once per line.
@@ -298,7 +298,7 @@ def settle_on_meshes(
             is_final = is_section and forward.sections_are_exact
             is_late = begun is not None and time.process_time() - begun > forward.patience
             is_confirmed = isinstance(problem, SnapError) and problem.agrees(snapped)
-            if refinement >= _COARSE or is_final or is_late or is_confirmed:
+            if refinement >= _DECISIVE_REFINEMENT or is_final or is_late or is_confirmed:
                 raise
             snapped = problem if isinstance(problem, SnapError) else None
             # An equilibrium on a coarser mesh is no evidence for the error of a finer one.
@@ -340,7 +340,7 @@ def settle_on_meshes(
         if refinement == coarse:
             refinement = next_refinement(coarse, error, accuracy, maps.order)
     check_stretch(point)
-    raise ConvergenceError(accuracy, error, COARSE)
+    raise ConvergenceError(accuracy, error, REMEDY)
 
 
 def initial_tolerance_factor(accuracy: float) -> float:

@@ -17,7 +17,7 @@ from octoplan.model.effects.sections import ExactTendons, NeoHookean
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import check_responses, has_complementarity, is_loaded
+from octoplan.model.loads import check_responses, has_complementarity, is_coupled
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array, Mask
 from octoplan.model.rod.collocation import gauss
@@ -160,7 +160,7 @@ class Shape(HtmlRepr):
         The body of such an arm would fold into the arm. Without loads, an arm with exact tendons
         settles in this state; under loads, settle raises an error.
         """
-        if is_loaded(self.arm, self.scene) or not self.scene.has(ExactTendons):
+        if is_coupled(self.arm, self.scene) or not self.scene.has(ExactTendons):
             return None
         at = at_ends(self.arm, self.scene, self.equilibrium.mesh)
         crushed = at.crushed(at.strains(self.tensions))
@@ -349,7 +349,7 @@ class Shape(HtmlRepr):
 def at_ends(arm: Arm, scene: Scene, mesh: Mesh) -> Sections:
     """Return the cross-sections at both ends of the elements of a mesh, without loads."""
     ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
-    ends = mesh.inside(np.repeat(np.arange(mesh.steps), 2), ends)
+    ends = mesh.inside(np.repeat(np.arange(mesh.elements), 2), ends)
     law = cross_section_of(scene, arm.is_curved, twisted=False)
     return Sections(arm, scene, law, ends, np.repeat(mesh.active, 2))
 

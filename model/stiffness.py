@@ -20,7 +20,7 @@ from octoplan.model.compliance import (
 from octoplan.model.equilibrium.explicit import ClosedForm, ExplicitEquilibrium, ExplicitMap
 from octoplan.model.equilibrium.explicit_sensitivities import ExplicitSensitivities
 from octoplan.model.forward import explicit_map
-from octoplan.model.loads import check_responses, is_loaded
+from octoplan.model.loads import check_responses, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, multiply
 from octoplan.model.scene import Scene
@@ -299,13 +299,13 @@ def tip_jacobian(
         As settle does.
     """
     scene = checked_scene(arm, scene)
-    if is_loaded(arm, scene):
+    if is_coupled(arm, scene):
         return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
     point = shape.equilibrium
     assert isinstance(point, ExplicitEquilibrium)
     if isinstance(point.forward, ClosedForm):
-        return ExplicitSensitivities(point, point.mesh.steps).pose_tension
+        return ExplicitSensitivities(point, point.mesh.elements).pose_tension
     function = tip_jacobian_function(arm, scene, shape.refinement)
     return np.array(function(shape.tensions))
 

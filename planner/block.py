@@ -38,7 +38,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.equations import ParameterValues, PlacedKernel
 from octoplan.model.rod.kernels import Places
 from octoplan.model.shape import Shape
 
@@ -149,7 +149,7 @@ class Block:
         """The number of decisions that help to meet targets, as tensions do."""
         return 0
 
-    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
+    def equations(self, rod: Places, unknown: int, row: int) -> list[PlacedKernel]:
         """Return the equations of the dependents, as placed kernels.
 
         Parameters
@@ -161,7 +161,7 @@ class Block:
         """
         return []
 
-    def shares(self, decision: int) -> list[Term]:
+    def shares(self, decision: int) -> list[PlacedKernel]:
         """Return shares of the decisions in the equations of the rod, as placed kernels.
 
         `decision` is the place of the first decision. An equation of the rod has the index of the

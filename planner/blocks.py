@@ -1,7 +1,7 @@
 """Blocks of the program: least stretch, limits of tensions, lengths of the tendons.
 
     least stretch     1 + q >= 1e-3, at one place of each segment; only with extension
-    largest tension   unknown T_max:    T_max - T_j >= 0
+    largest tension   unknown T_peak:   T_peak - T_j >= 0
     total pull        sum_j T_j <= limit
     tendon lengths    unknowns l_j:     integral of |c_j| - l_j = 0,    l_min <= l_j <= l_max
 
@@ -21,7 +21,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.equations import Term
+from octoplan.model.rod.equations import PlacedKernel
 from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rotations import POSE
@@ -149,15 +149,15 @@ class LeastStretch(Block):
 
 @dataclass(frozen=True)
 class PeakTension(Block):
-    """The largest tension T_max over T_ref, which is the effort of the infinity norm."""
+    """The largest tension T_peak over T_ref, which is the effort of the infinity norm."""
 
     n_decisions = 1
 
     def parts(self, view: ProgramView) -> Parts:
-        """Return T_max - T >= 0, and T_max as the effort."""
+        """Return T_peak - T >= 0, and T_peak as the effort."""
         # CasADi loses derivatives of a scalar minus a vector with respect to the scalar.
-        T_max = ca.repmat(view.decisions, view.T.numel(), 1)
-        return Parts([Rows(PEAK, T_max - view.T)], effort=view.decisions)
+        T_peak = ca.repmat(view.decisions, view.T.numel(), 1)
+        return Parts([Rows(PEAK, T_peak - view.T)], effort=view.decisions)
 
     def initial_decisions(self, T: Array, states: Array) -> Array:
         """Return the largest of the tensions."""
@@ -215,14 +215,14 @@ class TendonLengths(Block):
         """Return the arm's length."""
         return np.array([self.arm_length])
 
-    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
+    def equations(self, rod: Places, unknown: int, row: int) -> list[PlacedKernel]:
         """Return the length of the path of each tendon, minus l_j."""
         each = np.arange(self.n_dependents)[None, :]
         paths = [
-            Term(term.kernel, rod[term.unknowns], row + term.rows)
+            PlacedKernel(term.kernel, rod[term.unknowns], row + term.rows)
             for term in self.layout.lengths.terms
         ]
-        return [*paths, Term(cached(product), unknown + each, row + each)]
+        return [*paths, PlacedKernel(cached(product), unknown + each, row + each)]
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
         """See Block."""

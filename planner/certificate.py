@@ -19,7 +19,7 @@ from octoplan.model.equilibrium.modes import stability
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.verification import verify
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import has_complementarity, is_loaded
+from octoplan.model.loads import has_complementarity, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.shape import Shape, sharp, stretched
@@ -430,7 +430,7 @@ def _load_factor(shape: Shape) -> float | None:
 
     None without loads, and in contact.
     """
-    if not is_loaded(shape.arm, shape.scene) or has_complementarity(shape.scene):
+    if not is_coupled(shape.arm, shape.scene) or has_complementarity(shape.scene):
         return None
     mesh = STAGES, 1, (), True, shape.machine_code
     coarsest = CollocationMap(system(shape.arm, shape.scene, *mesh))

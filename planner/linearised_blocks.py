@@ -24,7 +24,7 @@ from octoplan.model.equilibrium.modes import least_modes
 from octoplan.model.equilibrium.stability import rest_stiffness
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.equations import ParameterValues, PlacedKernel
 from octoplan.model.rod.kernels import Kernel, Places, What
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rotations import POSE
@@ -86,28 +86,28 @@ class Responses(Block):
         """Return directions, column by column, and magnitude of the forces."""
         return np.append(self.directions.ravel("F"), self.force)
 
-    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
+    def equations(self, rod: Places, unknown: int, row: int) -> list[PlacedKernel]:
         """Return the linearised equations of each response."""
         shifts = np.arange(self.request.width) * self.layout.n_x
         each = [self._response(rod, unknown + shift, row + shift) for shift in shifts.tolist()]
         return [term for terms in each for term in terms]
 
-    def _response(self, rod: Places, unknown: int, row: int) -> list[Term]:
+    def _response(self, rod: Places, unknown: int, row: int) -> list[PlacedKernel]:
         """Return equilibrium, then the constant load factor, lengths and tensions."""
-        layout, terms = self.layout, list[Term]()
+        layout, terms = self.layout, list[PlacedKernel]()
         for term in layout.equations.terms:
             unknowns = np.vstack([rod[term.unknowns], unknown + term.unknowns])
-            terms.append(Term(linearised(term.kernel), unknowns, row + term.rows))
+            terms.append(PlacedKernel(linearised(term.kernel), unknowns, row + term.rows))
         n, row = layout.n_tendons, row + layout.n_states
         load = np.array([[n]])
-        terms.append(Term(cached(product), unknown + load, row + load))
+        terms.append(PlacedKernel(cached(product), unknown + load, row + load))
         if self.request.hold == "length":
             for lengths in layout.lengths.terms:
                 changes = unknown + lengths.unknowns, unknown + lengths.rows
                 unknowns = np.vstack([rod[lengths.unknowns], *changes, rod[lengths.rows]])
-                terms.append(Term(_locked(lengths.kernel), unknowns, row + lengths.rows))
+                terms.append(PlacedKernel(_locked(lengths.kernel), unknowns, row + lengths.rows))
         tensions = np.arange(n)[None, :]
-        return [*terms, Term(cached(product), unknown + tensions, row + tensions)]
+        return [*terms, PlacedKernel(cached(product), unknown + tensions, row + tensions)]
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
         """See Block. The force is a change of the dead force on the elements."""
@@ -201,20 +201,20 @@ class LeastMode(Block):
         """See Block."""
         return self.layout.n_states + 1
 
-    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
+    def equations(self, rod: Places, unknown: int, row: int) -> list[PlacedKernel]:
         """Return dr/dS z - sigma B z, and the norm of z."""
-        layout, terms = self.layout, list[Term]()
+        layout, terms = self.layout, list[PlacedKernel]()
         for term in layout.equations.terms:
             changing = tuple(np.flatnonzero(term.unknowns[:, 0] >= layout.n_before_states).tolist())
             changes = unknown + term.unknowns[list(changing)] - layout.n_before_states
             unknowns = np.vstack([rod[term.unknowns], changes])
             kernel = linearised_in(term.kernel, changing)
-            terms.append(Term(kernel, unknowns, row + term.rows))
+            terms.append(PlacedKernel(kernel, unknowns, row + term.rows))
         strains, last = np.ravel(layout.stages), layout.n_states
         products = np.stack([np.full(strains.size, unknown + last), unknown + strains])
         norm = np.full((1, strains.size), row + last)
-        terms.append(Term(cached(_mode_stiffness), products, row + strains[None, :]))
-        terms.append(Term(cached(_mode_norm), unknown + strains[None, :], norm))
+        terms.append(PlacedKernel(cached(_mode_stiffness), products, row + strains[None, :]))
+        terms.append(PlacedKernel(cached(_mode_norm), unknown + strains[None, :], norm))
         return terms
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:

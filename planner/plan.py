@@ -16,7 +16,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
 from octoplan.model.forward import checked_accuracy
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import flag, kind, positive, whole, within
 from octoplan.model.support.errors import Described, InputError, OctoplanError
@@ -35,8 +35,8 @@ from octoplan.planner.planning_problem import (
     planned_scene,
 )
 from octoplan.planner.solution import Solution
+from octoplan.planner.solve.multistart import Multistart
 from octoplan.planner.solve.refine import CORRECTIONS, refine
-from octoplan.planner.solve.relaxation_stage import RelaxationStage
 from octoplan.planner.solve.search import Search
 from octoplan.planner.targets.base import Target
 
@@ -204,7 +204,7 @@ class Strategy:
 
     def default_margin(self, arm: Arm, scene: Scene) -> float:
         """Return the stability margin of an arm in a scene if none is given."""
-        return BRINK if is_loaded(arm, scene) else 0.0
+        return BRINK if is_coupled(arm, scene) else 0.0
 
     def prepared(
         self, problem: PlanningProblem, obstacles: Any, clearance: Any, self_clearance: Any
@@ -283,7 +283,7 @@ class Strategy:
         problem = problem.at_base(plan.solution.base)
         constraints = self.constraints(problem)
         blocks = constraints.blocks(problem.arm) if constraints else ()
-        stage = RelaxationStage(problem, "exact", blocks=blocks)
+        stage = Multistart(problem, "exact", blocks=blocks)
         with suppress(OutOfTime):
             optimum = stage.solve_from(np.ravel(plan.tensions))
             fine = None if optimum is None else refine(optimum)

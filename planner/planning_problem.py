@@ -53,7 +53,8 @@ class NlpOptions:
     margin : float
         Smallest accepted stability; see octoplan.planner.certificate.
     modes : 0 or 1
-        Number of least stable modes that the program constrains. With 0, stability is only checked.
+        Number of least stable modes of the arm that the program constrains by a row. With 0,
+        stability is only checked. `mode` is the treatment of the targets.
     floor : float
         Smallest stability that a program or a descent requires. An arm that is about to
         yield does not settle.

@@ -21,7 +21,7 @@ from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import is_stable
-from octoplan.model.loads import has_unique_equilibrium, is_loaded
+from octoplan.model.loads import has_unique_equilibrium, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.settle import ACCURACY
@@ -136,7 +136,7 @@ class Problem:
             STAGES,
             self.options.refinement,
             stations,
-            is_loaded(task.arm, task.scene) or bool(self.target_set.requests),
+            is_coupled(task.arm, task.scene) or bool(self.target_set.requests),
             task.machine_code,
             STEPS_PER_UNIT,
         )
@@ -289,11 +289,11 @@ class Problem:
         forward = self.forward
         if joints.size:
             forward = self.forward_at(self.task.at_base(tuple(joints.tolist())).arm)
-        strong = is_loaded(self.arm, self.scene) and not has_unique_equilibrium(
+        strong = is_coupled(self.arm, self.scene) and not has_unique_equilibrium(
             self.arm, self.scene
         )
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            if strong or (settled and is_loaded(self.arm, self.scene)):
+            if strong or (settled and is_coupled(self.arm, self.scene)):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
                     point = forward.solve_towards(tensions)
                     limits = self.limits.lower, self.limits.upper
@@ -350,7 +350,7 @@ class Problem:
 
         Without loads every equilibrium is stable.
         """
-        return not is_loaded(self.arm, self.scene) or is_stable(self.linearised(x), margin)
+        return not is_coupled(self.arm, self.scene) or is_stable(self.linearised(x), margin)
 
 
 def _not_empty(blocks: Sequence[Block], places: Sequence[slice]) -> list[tuple[Block, slice]]:

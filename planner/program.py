@@ -27,9 +27,9 @@ at the thinnest place of its body, in scenes with extension. The program elimina
 unknown; octoplan.planner.solve.reduced_program eliminates the states under strong loads.
 
 The rod (octoplan.model.rod) places kernels whose residuals are added: a row may be the sum of
-several kernels. `dynamics` adds the rows of Phi, the balance of an element, and in the stage rows
-minus the local wrench; `stage_equations` adds body and tendons to the stage rows; `jumps` adds the
-loads at a node to the balance of the node.
+several kernels. `element_equations` adds the rows of Phi, the balance of an element, and in the
+stage rows minus the local wrench; `stage_equations` adds body and tendons to the stage rows;
+`jumps` adds the loads at a node to the balance of the node.
 
 Blocks (octoplan.planner.block) add unknowns and rows: decisions a, such as slacks, and dependents d
 with as many equations, such as tendon lengths or the least stable mode. Decisions may have shares
@@ -77,7 +77,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from octoplan.model.paths import Array
-from octoplan.model.rod.equations import Equations, Term
+from octoplan.model.rod.equations import Equations, PlacedKernel
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rotations import POSE
 from octoplan.model.support.machine.functions import BufferedFunction
@@ -182,13 +182,13 @@ class Program:
         self.size = first + self.n_equations
         conditions = [
             *rod.base_condition(),  # (R_0, u_0) = clamp,  y_0 = 0
-            *rod.dynamics(),  # F; balance of the element; - local wrench in the rows of G
+            *rod.element_equations(),  # Phi; balance of element; - local wrench in rows of G
             *rod.stage_equations(),  # + body and tendons in the rows of G; change of y
             *rod.jumps(),  # + loads at nodes in the rows of the balance; jumps of y
             *rod.tip_condition(),  # M_N, F_N, beside the load at the tip
         ]
         of_rod = np.r_[:n, self.n_decision : self.states.stop]
-        terms = [Term(each.kernel, of_rod[each.unknowns], each.rows) for each in conditions]
+        terms = [PlacedKernel(each.kernel, of_rod[each.unknowns], each.rows) for each in conditions]
         for block, own, place in zip(blocks, self.decisions, self.dependents, strict=True):
             terms += block.shares(own.start)
             terms += block.equations(of_rod, place.start, place.start - first)
@@ -233,7 +233,7 @@ class Program:
         rows = list[Rows]()
         misses = list[ca.MX]()
         objectives = list[ca.MX]()
-        # PeakTension replaces the effort by T_max / T_ref.
+        # PeakTension replaces the effort by T_peak / T_ref.
         effort = ca.sum1(T) if self.structure.norm == "1" else ca.sumsqr(T) / 2
         for k, block in enumerate(blocks):
             own = w[self.decisions[k]], measured[k], p[self.parameters[k]]

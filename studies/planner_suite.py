@@ -66,13 +66,13 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.extensions.friction import Friction
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solution import NlpSolution
-from octoplan.planner.solve.relaxation_stage import solve_from_guess
+from octoplan.planner.solve.multistart import solve_from_guess
 from octoplan.planner.targets import Target, TipPose, TipPosition
 from studies import draws
 from studies.draws import ARM, MAXIMUM, TARGET_OF, target_error
@@ -200,7 +200,7 @@ def _solve_from_random(
 
 def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
     """Return a plan's effort relative to the least effort of random starts, on the coarse mesh."""
-    heavy = is_loaded(result.arm, scene) or scene.has(ExactTendons)
+    heavy = is_coupled(result.arm, scene) or scene.has(ExactTendons)
     if heavy or not count or result.mode != "exact":
         return 0.0
     options = NlpOptions(norm=result.problem.options.norm)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 
 # Refinement at which the error of collocation is at the level of rounding.
@@ -25,7 +25,7 @@ def reference_shape(arm: Arm, tensions: Array, scene: Scene, accuracy: float) ->
     Use collocation on a fine mesh if the scene has no loads.
     """
     shape = settle(arm, tensions, scene, accuracy)
-    if is_loaded(arm, scene) or scene.has(PrintedStatics):
+    if is_coupled(arm, scene) or scene.has(PrintedStatics):
         return shape
     point = collocation_map(arm, scene, _FINE).solve(shape.tensions)
     return replace(shape, equilibrium=point, refinement=_FINE)

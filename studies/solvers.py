@@ -33,7 +33,7 @@ from octoplan.model.stiffness import tip_jacobian
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.solve.relaxation_stage import solve_from_guess
+from octoplan.planner.solve.multistart import solve_from_guess
 from octoplan.planner.solve.search import Search
 from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES, shape

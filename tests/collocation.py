@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.equilibrium.collocation_map import CollocationMap
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.rod.discrete_rod import system
 from tests.oracles import Array
 
@@ -20,6 +20,6 @@ def collocated(
     three stages.
     """
     T = arm.flat(tensions)
-    equations = system(arm, scene, stages, refinement, (), is_loaded(arm, scene))
+    equations = system(arm, scene, stages, refinement, (), is_coupled(arm, scene))
     point = CollocationMap(equations).solve(T)
     return replace(settle(arm, T, scene, 1e-2), equilibrium=point, refinement=refinement)

@@ -31,7 +31,7 @@ from octoplan.model.equilibrium.continuation import (
 )
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History, linearised
 from octoplan.model.equilibrium.newton import CHORD_RADIUS, Start, newton, step_sizes
-from octoplan.model.loads import has_unique_equilibrium, is_loaded
+from octoplan.model.loads import has_unique_equilibrium, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -61,7 +61,7 @@ class CollocationMap:
     def __init__(self, system: DiscreteRod) -> None:
         self.system = system
         self.mesh = system.mesh
-        self._loaded = is_loaded(system.arm, system.scene)
+        self._loaded = is_coupled(system.arm, system.scene)
 
     def solve(
         self, tensions: Array, near: AnyEquilibrium | None = None, tolerance_factor: float = 1.0

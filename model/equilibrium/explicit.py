@@ -289,10 +289,10 @@ class ClosedForm(ExplicitMap):
         self.radius = self._at.radius
         self._data = statics.data(arm, scene, self._at)
         self._base = base_pose(arm)
-        self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
+        self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.elements))
         by_pull = statics.is_explicit
         integrator = cached(
-            _integrator, statics, scheme, by_pull, machine_code, self.mesh.steps, self._h.size
+            _integrator, statics, scheme, by_pull, machine_code, self.mesh.elements, self._h.size
         )
         if self._h.size <= _MAX_EXPANDED and not machine_code:
             integrator = cached(ca.Function.expand, integrator)
@@ -317,7 +317,7 @@ class ClosedForm(ExplicitMap):
             self.scheme,
             True,
             self.machine_code,
-            self.mesh.steps,
+            self.mesh.elements,
             self._h.size,
         )
         poses, strains = integrator(self._base, *known, ca.DM(self._h).T)
@@ -384,7 +384,7 @@ class ClosedForm(ExplicitMap):
 
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """See ExplicitMap.dense: one step from the node below s."""
-        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
+        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.elements - 1)
         active = self.mesh.active[step]
         left = self.mesh.s[step]
         statics = self._statics

@@ -288,7 +288,7 @@ class _Known(NamedTuple):
 @lru_cache(maxsize=32)
 def _whole(system: DiscreteRod, substeps: int) -> _Known:
     """Return the known quantities of whole elements."""
-    return _known(system, substeps, np.arange(system.mesh.steps), np.ones(system.mesh.steps))
+    return _known(system, substeps, np.arange(system.mesh.elements), np.ones(system.mesh.elements))
 
 
 def _known(system: DiscreteRod, substeps: int, elements: Places, reach: Array) -> _Known:
@@ -390,7 +390,7 @@ def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, A
     cross-section.
     """
     mesh = system.mesh
-    elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
+    elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.elements - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
     n_known = POSE + system.layout.structure.n_wrench
     at_nodes = x[system.layout.n_before_states + system.layout.nodes[elements + 1, :n_known]]
@@ -430,7 +430,7 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     at_stages = np.zeros((layout.elements * m, layout.n_tendons, K))
     at_stages[stage, tendon_of_stage] = rows[:, :K]
     rates = at_stages.reshape(layout.elements, m, layout.n_tendons, K)
-    element_of_s = np.clip(np.searchsorted(at.mesh.s, s) - 1, 0, at.mesh.steps - 1)
+    element_of_s = np.clip(np.searchsorted(at.mesh.s, s) - 1, 0, at.mesh.elements - 1)
     element = element_of_s[place]
     share = (s[place] - at.mesh.s[element]) / h[element]
     powers = np.arange(1, m + 1)

@@ -41,6 +41,8 @@ JUMP_WIDTH = 0.25
 class Equilibrium:
     """The equations linearised at a point; derivatives and factors are computed when needed.
 
+    The point is an equilibrium, or an iterate of Newton's method on the way to one.
+
     Attributes
     ----------
     system : DiscreteRod
@@ -211,7 +213,7 @@ class Equilibrium:
         from octoplan.model.equilibrium.integration import poses_and_strains
 
         poses, v = poses_and_strains(self.system, self.x, s)
-        nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
+        nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.elements)
         exact = (self.mesh.s[nodes] == s)[:, None]
         law = self.system.layout.structure.law
         return np.where(exact, self.poses[nodes], poses), reported(law, v)

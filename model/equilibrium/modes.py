@@ -17,7 +17,7 @@ from octoplan.model.equilibrium.stability import (
     stiffness_at_rest,
     with_shift,
 )
-from octoplan.model.loads import is_conservative, is_loaded
+from octoplan.model.loads import is_conservative, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import SingularError
 
@@ -49,7 +49,7 @@ def stability(point: Equilibrium) -> float:
     least real part. Then only the sign may be certain: without NeoHookean the eigenvalues amplify
     rounding by 1e13. Return 0 if the equations are singular.
     """
-    if not is_loaded(point.system.arm, point.system.scene):
+    if not is_coupled(point.system.arm, point.system.scene):
         # Each cross-section has its own Hessian, because no wrench couples the cross-sections.
         sections = point.system.sections
         v = point.states[point.system.layout.stages]

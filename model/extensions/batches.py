@@ -26,7 +26,7 @@ from octoplan.model.forward import (
     next_refinement,
     updated_estimate,
 )
-from octoplan.model.loads import has_complementarity, is_loaded
+from octoplan.model.loads import has_complementarity, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
@@ -98,7 +98,7 @@ def _settle_together(
     """
     poses = np.full((len(T), 7), np.nan)
     errors = np.full(len(T), np.nan)
-    at_once = _AT_ONCE if is_loaded(maps.arm, maps.scene) else max(len(T), 1)
+    at_once = _AT_ONCE if is_coupled(maps.arm, maps.scene) else max(len(T), 1)
     batches = [np.arange(k, min(k + at_once, len(T))) for k in range(0, len(T), at_once)]
     while batches:
         check_time()
@@ -176,7 +176,7 @@ def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, 
     errors[jumps] = np.nan
     errors[~(errors <= accuracy)] = np.nan
     settled = np.flatnonzero(np.isfinite(errors))
-    if settled.size and maps.scene.has(ExactTendons) and not is_loaded(maps.arm, maps.scene):
+    if settled.size and maps.scene.has(ExactTendons) and not is_coupled(maps.arm, maps.scene):
         at = at_ends(maps.arm, maps.scene, maps.on(fine).mesh)
         errors[settled[at.folds(at.unloaded(T[settled])).any(axis=1)]] = np.nan
     return poses, errors

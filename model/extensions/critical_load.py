@@ -11,7 +11,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.continuation import BranchEnd, continue_branches
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.forward import ORDER, checked_accuracy, collocation_map, first_pair, refined
-from octoplan.model.loads import convergence_order, is_loaded
+from octoplan.model.loads import convergence_order, is_coupled
 from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene
 from octoplan.model.support.checks import positive
@@ -53,7 +53,7 @@ def critical_load_factor(
     """
     scene = checked_scene(arm, scene)
     accuracy = checked_accuracy(accuracy)
-    if not is_loaded(arm, scene):
+    if not is_coupled(arm, scene):
         raise InputError("scene", scene.effects, "a scene with loads")
     T = arm.flat(tensions)
     most = positive("most", most)

@@ -31,7 +31,7 @@ from octoplan.model.mesh import Counts, Mesh, stations, tendon_paths
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.element import zero
-from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.equations import ParameterValues, PlacedKernel
 from octoplan.model.rod.kernels import Kernel, Places
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import RodPlaces
@@ -104,14 +104,14 @@ class GuideTerm(RodTerm):
         """Return the nodes of the guides."""
         return tuple(mesh.node(s) for s in self.places)
 
-    def node_kernels(self, places: RodPlaces) -> list[Term]:
+    def node_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return the pull of each span on its two guides."""
         tendon, first, last = self._spans_at(places.acting)
         ends = np.vstack([places.nodes[first, :POSE].T, places.nodes[last, :POSE].T])
         unknowns = np.vstack([tendon, places.n_before_states + ends])
         rows = np.vstack([places.nodes[first, POSE:].T, places.nodes[last, POSE:].T])
         if not self.signed_mu:
-            return [Term(cached(chord, False), unknowns, rows)]
+            return [PlacedKernel(cached(chord, False), unknowns, rows)]
         column = np.searchsorted(self._tendons, tendon[0])
         theta = places.variables[first, column]
         load = np.full_like(tendon, places.n_before_states - 1)
@@ -124,16 +124,16 @@ class GuideTerm(RodTerm):
         at_guides = places.variables[list(places.acting)].ravel()
         none = np.setdiff1d(at_guides, theta[after])[None]
         return [
-            Term(cached(chord, True), unknowns, rows),
-            Term(bend(), places.n_before_states + bent, theta[after][None]),
-            Term(zero(), places.n_before_states + none, none),
+            PlacedKernel(cached(chord, True), unknowns, rows),
+            PlacedKernel(bend(), places.n_before_states + bent, theta[after][None]),
+            PlacedKernel(zero(), places.n_before_states + none, none),
         ]
 
-    def length_kernels(self, places: RodPlaces) -> list[Term]:
+    def length_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return the lengths of the spans."""
         tendon, first, last = self._spans_at(places.acting)
         ends = np.vstack([places.nodes[first, :POSE].T, places.nodes[last, :POSE].T])
-        return [Term(cached(chord_length), places.n_before_states + ends, tendon)]
+        return [PlacedKernel(cached(chord_length), places.n_before_states + ends, tendon)]
 
     def tension_factors(
         self, variables: Array, load_factor: float, mesh: Mesh, s: Array, tendon: Counts

@@ -228,7 +228,7 @@ class PrintedMap(ExplicitMap):
         active = mesh.active[::-1]
         outer = section_numbers(arm, start, np.append(0, active[:-1]), T)[:6, :]
         samples = self._samples(start, h, active, T)
-        integrator = self._across.mapaccum(mesh.steps)
+        integrator = self._across.mapaccum(mesh.elements)
         after, begun, along = integrator(x, outer, samples, ca.DM(h).T)
         poses = ca.horzcat(begun, after[:, -1])[:7, ::-1]
         # Convert poses from the frame of the tip to the base frame.
@@ -261,10 +261,10 @@ class PrintedMap(ExplicitMap):
 
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
-        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
+        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.elements - 1)
         active = self.mesh.active[step]
         start = self.mesh.s[step + 1]
-        there = strains[self.mesh.steps - 1 - step, :3]
+        there = strains[self.mesh.elements - 1 - step, :3]
         x = ca.DM(np.hstack([poses[step + 1], there]).T)
         h = s - start
         d = self._samples(start, h, active, ca.DM(tensions))

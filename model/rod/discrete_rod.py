@@ -19,7 +19,7 @@ from octoplan.model.cross_section.sections import Sections
 from octoplan.model.loads import (
     dead_resultant,
     growth_rate,
-    is_loaded,
+    is_coupled,
     required_arc_lengths,
     rod_terms,
 )
@@ -105,7 +105,7 @@ class DiscreteRod:
             for (i, _), guides in zip(arm.tendons, arm.guides, strict=True)
         )
         groups, self.node_terms = group_node_terms(self.terms, mesh)
-        self.layout = layout(structure, ends, mesh.steps, groups, kinks(arm, mesh))
+        self.layout = layout(structure, ends, mesh.elements, groups, kinks(arm, mesh))
         self.s, weights, active = mesh.points(stages)
         self.sections = Sections(arm, scene, structure.law, self.s, active, machine_code)
         curvatures = np.arange(structure.n_strains) < 2 + structure.law.torsion
@@ -265,7 +265,7 @@ class DiscreteRod:
         change = np.zeros((self.p.size, 6))
         parameters = self.layout.equations.named(change)
         parameters["element"]["force"][:, :node, :3] = np.eye(3)[:, None]
-        if node < self.mesh.steps:
+        if node < self.mesh.elements:
             parameters["element"]["moment"][:, node - 1, 3:] = np.eye(3)
         else:
             parameters["tip"]["moment"][:, 0, 3:] = np.eye(3)
@@ -301,7 +301,7 @@ class DiscreteRod:
         kinematics = RodStructure(
             structure.law, structure.stages, has_moment=False, machine_code=structure.machine_code
         )
-        (result,) = cached(_integrator, kinematics, self.mesh.steps)(
+        (result,) = cached(_integrator, kinematics, self.mesh.elements)(
             base, strains.ravel(), np.diff(self.mesh.s)
         )
         return np.vstack([base, result])
@@ -421,7 +421,7 @@ def system(
     Without `loaded`, forces and moments are left out. With `machine_code`, the kernels are
     compiled. See octoplan.model.mesh.graded for `steps_per_unit`.
     """
-    rate = partial(growth_rate, arm, scene) if is_loaded(arm, scene) else None
+    rate = partial(growth_rate, arm, scene) if is_coupled(arm, scene) else None
     nodes = *at, *required_arc_lengths(arm, scene)
     mesh = graded(arm, refinement, nodes, rate, steps_per_unit=steps_per_unit)
     return DiscreteRod(arm, scene, mesh, stages, loaded, machine_code)

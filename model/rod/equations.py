@@ -29,8 +29,8 @@ from octoplan.model.support.machine.functions import (
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
-    """A kernel repeated N times.
+class PlacedKernel:
+    """A kernel repeated N times, at places among unknowns and rows.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Equations:
     Parameters
     ----------
     n_x, n_g : int
-    terms : list of Term
+    terms : list of PlacedKernel
         Kernels with parameters have different names.
     machine_code : bool
         Whether the kernels are compiled; then CasADi cannot differentiate them.
@@ -80,7 +80,9 @@ class Equations:
         (x, p, lam) -> the full Hessian of lam . g in x (n_x, n_x).
     """
 
-    def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
+    def __init__(
+        self, n_x: int, n_g: int, terms: list[PlacedKernel], machine_code: bool = False
+    ) -> None:
         self.machine_code = machine_code
         self.n_x = n_x
         self.n_g = n_g
@@ -133,7 +135,9 @@ class Equations:
         terms = []
         for term, part in zip(self.terms, self.slices, strict=True):
             unknowns = np.vstack([term.unknowns, self.n_x + _columns(part, term.count)])
-            terms.append(Term(term.kernel.with_parameters_as_variables(), unknowns, term.rows))
+            terms.append(
+                PlacedKernel(term.kernel.with_parameters_as_variables(), unknowns, term.rows)
+            )
         return Equations(self.n_x + self.n_p, self.n_g, terms)
 
     def along_parameters(self, x: Array, p: Array, change: Array) -> Array:

@@ -20,7 +20,7 @@ import numpy as np
 
 from octoplan.model.paths import Mask
 from octoplan.model.rod.element import clamp, element, node, node_kernel_name, tip, zero
-from octoplan.model.rod.equations import Equations, Term
+from octoplan.model.rod.equations import Equations, PlacedKernel
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import NodeGroup, RodPlaces, RodStructure
@@ -122,7 +122,9 @@ class Layout:
         self.crossings = _pairs(stage_elements[:, None] < np.array(ends))
         stage, tendon_index = self.crossings
         crossed = self.n_before_states + self.stages[stage].T
-        of_lengths = [Term(cached(tendon_length, structure.law), crossed, tendon_index[None, :])]
+        of_lengths = [
+            PlacedKernel(cached(tendon_length, structure.law), crossed, tendon_index[None, :])
+        ]
         for term, places in self._node_terms():
             of_lengths += term.length_kernels(places)
         self.lengths = Equations(self.n_x, self.n_tendons, of_lengths, structure.machine_code)
@@ -148,7 +150,7 @@ class Layout:
         """The equilibrium: as many equations as states, group by group."""
         terms = [
             *self.base_condition(),
-            *self.dynamics(),
+            *self.element_equations(),
             *self.stage_equations(),
             *self.jumps(),
             *self.tip_condition(),
@@ -177,13 +179,16 @@ class Layout:
         """Places of pose, moment and force of the nodes (N + 1, 7 + n_wrench)."""
         return self.nodes[:, : POSE + self.structure.n_wrench]
 
-    def base_condition(self) -> list[Term]:
+    def base_condition(self) -> list[PlacedKernel]:
         """Return the equations of the clamped base, and of the tendon states, which are 0 there."""
         pose = self.nodes[:1, :POSE].T
-        return [Term(clamp(), self.n_before_states + pose, pose), self._zero(self.tendon_states[0])]
+        return [
+            PlacedKernel(clamp(), self.n_before_states + pose, pose),
+            self._zero(self.tendon_states[0]),
+        ]
 
-    def dynamics(self) -> list[Term]:
-        """Return the elements: x_{k+1} = F(x_k, v_k), and part of the stage equations.
+    def element_equations(self) -> list[PlacedKernel]:
+        """Return the elements: (R, u)_{k+1} from node k, and (M, F)_k from node k + 1.
 
         The kernel of an element also writes minus the local wrench into the rows of its stages, to
         which `stage_equations` add body and tendons.
@@ -195,16 +200,16 @@ class Layout:
         # The element before a node has the equations of its pose; the element beyond has the
         # equations of its wrench.
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
-        return [Term(cached(element, self.structure), unknowns, rows)]
+        return [PlacedKernel(cached(element, self.structure), unknowns, rows)]
 
-    def stage_equations(self) -> list[Term]:
+    def stage_equations(self) -> list[PlacedKernel]:
         """Return the shares of body and tendons in the stage equations G = 0.
 
         The kernels of elements of the terms are added: their loads, such as pressure.
         """
         by_stage = np.vstack([self.stages.T, *(each.T for each in self.stage_variables)])
         kernel = cached(body, self.structure)
-        bodies = Term(kernel, self.n_before_states + by_stage, by_stage)
+        bodies = PlacedKernel(kernel, self.n_before_states + by_stage, by_stage)
         couples = self.structure.couples_stages
         tendons = self._tendons_in_elements() if couples else self._tendons()
         loads = [
@@ -217,18 +222,18 @@ class Layout:
         """The names of the kernels with jumps of moment and force at nodes as rows."""
         return frozenset(term.kernel.name for term in self._at_nodes()) - {"zero"}
 
-    def jumps(self) -> list[Term]:
+    def jumps(self) -> list[PlacedKernel]:
         """Return the jumps at nodes: of moments and forces, and of tendon states."""
         terms = self._at_nodes() if self.structure.has_moment else []
         terms += self._tendon_jumps() if self.structure.n_tendon_states else []
         return terms
 
-    def tip_condition(self) -> list[Term]:
+    def tip_condition(self) -> list[PlacedKernel]:
         """Return M_N = 0 and F_N = 0, to which `jumps` add loads at the tip; [] without loads."""
         if not self.structure.has_moment:
             return []
         wrench = self._node_states[-1:, POSE:].T
-        return [Term(cached(tip, self.structure), self.n_before_states + wrench, wrench)]
+        return [PlacedKernel(cached(tip, self.structure), self.n_before_states + wrench, wrench)]
 
     def _node_terms(self) -> list[tuple[RodTerm, RodPlaces]]:
         """Return the terms that act at nodes, with the places for their own kernels."""
@@ -244,14 +249,14 @@ class Layout:
             self.structure, self.n_before_states, self._node_states, self.inside, variables, acting
         )
 
-    def _zero(self, places: Places) -> Term:
+    def _zero(self, places: Places) -> PlacedKernel:
         """Return equations that fix states at 0."""
         flat = places.reshape(1, -1)
-        return Term(zero(), self.n_before_states + flat, flat)
+        return PlacedKernel(zero(), self.n_before_states + flat, flat)
 
-    def _at_nodes(self) -> list[Term]:
+    def _at_nodes(self) -> list[PlacedKernel]:
         """Return the forces, moments and node equations of the terms at the nodes."""
-        terms = list[Term]()
+        terms = list[PlacedKernel]()
         wrench = slice(POSE, POSE + self.structure.n_wrench)
         for i, group in enumerate(self.node_groups):
             nodes = [k for each in group.nodes for k in each]
@@ -273,19 +278,19 @@ class Layout:
                 rows = np.vstack([self.nodes[nodes, wrench].T, here])
                 name = node_kernel_name(i)
                 kernel = cached(node, name, group.structure, self.structure.n_wrench)
-                terms.append(Term(kernel, unknowns, rows))
+                terms.append(PlacedKernel(kernel, unknowns, rows))
             unused = np.setdiff1d(np.concatenate([each.ravel() for each in variables]), here)
             terms.append(self._zero(unused))
         return terms
 
-    def _tendons(self) -> Term:
+    def _tendons(self) -> PlacedKernel:
         """Return the tendons of constant tension at the stages."""
         strains = self.stages.T
         stage, tendon_index = self.crossings
         unknowns = np.vstack([tendon_index, self.n_before_states + strains[:, stage]])
-        return Term(cached(tendon, self.structure.law), unknowns, strains[:, stage])
+        return PlacedKernel(cached(tendon, self.structure.law), unknowns, strains[:, stage])
 
-    def _tendons_in_elements(self) -> Term:
+    def _tendons_in_elements(self) -> PlacedKernel:
         """Return the tendons of the elements, with their states at the nodes."""
         y = self.tendon_states
         k, j = self.passages
@@ -294,9 +299,9 @@ class Layout:
         states = np.vstack([y[k, j].T, y[k + 1, j].T, inside])
         unknowns = np.vstack([load, j[None], self.n_before_states + states])
         rows = np.vstack([inside, y[k + 1, j].T])
-        return Term(cached(tendon_in_element, self.structure), unknowns, rows)
+        return PlacedKernel(cached(tendon_in_element, self.structure), unknowns, rows)
 
-    def _tendon_jumps(self) -> list[Term]:
+    def _tendon_jumps(self) -> list[PlacedKernel]:
         """Return the jumps of tendon states at anchorages; states are constant beyond the end."""
         y = self.tendon_states
         k, j = self.kinks
@@ -307,8 +312,8 @@ class Layout:
         idle = np.vstack([before, after])
         jump = cached(tendon_jump, self.structure)
         return [
-            Term(jump, self.n_before_states + both, y[k + 1, j].T),
-            Term(idle_tendon(), self.n_before_states + idle, after),
+            PlacedKernel(jump, self.n_before_states + both, y[k + 1, j].T),
+            PlacedKernel(idle_tendon(), self.n_before_states + idle, after),
         ]
 
 

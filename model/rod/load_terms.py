@@ -87,7 +87,7 @@ class DeadTipTerm(RodTerm):
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
         """Return the tip."""
-        return (mesh.steps,)
+        return (mesh.elements,)
 
     def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
         """Return the force, everywhere."""
@@ -127,7 +127,7 @@ class FollowerTerm(RodTerm):
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
         """Return the tip."""
-        return (mesh.steps,)
+        return (mesh.elements,)
 
     def node_force(self, node: NodeView) -> ca.SX:
         """Return R force."""

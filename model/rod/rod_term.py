@@ -21,7 +21,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.paths import Array
-from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.equations import ParameterValues, PlacedKernel
 from octoplan.model.rod.kernels import Name
 
 if TYPE_CHECKING:
@@ -342,18 +342,18 @@ class RodTerm:
 
     # Kernels of the term, if the views of one section or one node are not sufficient
 
-    def node_kernels(self, places: RodPlaces) -> list[Term]:
+    def node_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return placed kernels of the nodes in place of node forces, moments and equations.
 
         The rows are the wrenches of nodes and the equations of all node variables of the term.
         """
         return []
 
-    def element_kernels(self, places: RodPlaces) -> list[Term]:
+    def element_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return placed kernels of the elements, in addition to the kernels of the rod."""
         return []
 
-    def length_kernels(self, places: RodPlaces) -> list[Term]:
+    def length_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return placed kernels of tendon lengths [m]; the rows are indices of tendons.
 
         The rod integrates the lengths of all tendons without guides itself.

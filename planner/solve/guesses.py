@@ -282,7 +282,7 @@ def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     The positions are those of the nodes beyond the base.
     """
     forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 4, (), task.machine_code)
-    poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
+    poses, _ = forward.many(tensions, range(1, forward.mesh.elements + 1))
     return poses[..., 4:], forward.mesh.s[1:]
 
 

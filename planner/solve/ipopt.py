@@ -101,7 +101,7 @@ _EXACT: dict[Purpose, Options] = {
 # the weighted effort remains, which has to outweigh the barrier.
 _SMALL_SCALING: Options = {"obj_scaling_factor": 100 * OBJECTIVE_SCALE}
 _SMALL: Options = _SMALL_SCALING | {"max_iter": 200}
-_RELAXED: dict[Purpose, Options] = {
+_LEAST_SQUARES: dict[Purpose, Options] = {
     "search": COLD | _SMALL | {"mu_init": 1e-3},
     "near": WARM | _SMALL_SCALING,
     "polish": _EXACT["polish"] | _SMALL_SCALING,
@@ -111,8 +111,8 @@ _RELAXED: dict[Purpose, Options] = {
 _FAR: Options = {"obj_scaling_factor": 100.0, "mu_init": 0.1, "max_iter": 100}
 _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
     "exact": _EXACT,
-    "closest": _RELAXED,
-    "nearest": _RELAXED | {"search": COLD | _FAR},
+    "closest": _LEAST_SQUARES,
+    "nearest": _LEAST_SQUARES | {"search": COLD | _FAR},
 }
 
 # Return statuses that count as convergence.

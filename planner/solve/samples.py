@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.forward import REFINEMENTS
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time, report
@@ -126,7 +126,7 @@ def _finer(task: PlanningProblem, points: Sequence[object]) -> PlanningProblem:
         problem = Problem(on_finer, on_finer.coarse("nearest"))
         tensions = np.array([point.tensions for point in settled])
         # Loaded arms settle sooner from the shapes on the last mesh.
-        ends = [*_points(problem, tensions, settled if is_loaded(task.arm, task.scene) else ())]
+        ends = [*_points(problem, tensions, settled if is_coupled(task.arm, task.scene) else ())]
         pairs = [
             (point, end)
             for point, end in zip(settled, ends, strict=True)
@@ -160,7 +160,7 @@ def _settled(task: PlanningProblem) -> Samples:
 
 def _equilibria(problem: Problem) -> tuple[list[Equilibrium], int]:
     """Return the sampled equilibria, and the number of shapes that were tried."""
-    loaded = is_loaded(problem.arm, problem.scene)
+    loaded = is_coupled(problem.arm, problem.scene)
     if loaded and problem.forward.loads_first:
         points = problem.forward.solve_along(spread(problem.task, _LINES))
         return points, len(points)

@@ -7,18 +7,18 @@ search.
 1. Multistart: solve the program on a coarse mesh from one initial guess after another, until enough
    optima are equal. The exact mode first has three guesses, unless a number is given. If no guess
    has an optimum, the search goes on to the next mode.
-2. Samples, if a relaxed mode misses the targets: sample shapes over the limits, and solve from the
-   nearest samples.
-3. Return to the exact mode, if a relaxed mode nearly meets the targets: the optimum is the first
-   guess, and the guesses that are left come next.
+2. Samples, if a mode with least squares misses the targets: sample shapes over the limits, and
+   solve from the nearest samples.
+3. Return to the exact mode, if a mode with least squares nearly meets the targets: the optimum is
+   the first guess, and the guesses that are left come next.
 4. Refine the best optimum: correct the program by the defect of the mesh and solve again, warm
    (octoplan.planner.solve.refine). If the arm has none of the optima, first require more stability,
    then reject the optima and continue the multistart.
-5. If a refined relaxed optimum misses the targets by no more than the weight of the effort
+5. If a refined optimum of least squares misses the targets by no more than the weight of the effort
    explains, solve the exact program nearby, corrected by the same defect.
 
 Optima under loads may be unstable. Unstable optima are solved again with a lower bound on the
-eigenvalue of the least stable mode (octoplan.planner.solve.relaxation_stage). If loads act before
+eigenvalue of the least stable mode (octoplan.planner.solve.multistart). If loads act before
 tensions, each solve descends from a stable shape (octoplan.planner.solve.stable_descent).
 """
 
@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
@@ -42,14 +42,14 @@ from octoplan.planner.planning_problem import Mode, PlanningProblem
 from octoplan.planner.problem import FINAL_WEIGHT, Problem
 from octoplan.planner.solution import Solution
 from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
+from octoplan.planner.solve.multistart import N_EQUAL_OPTIMA, NEARLY_MET, Multistart
 from octoplan.planner.solve.refine import on_mesh
-from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, NEARLY_MET, RelaxationStage
 from octoplan.planner.targets.target_set import LOW_PRIORITY
 
 if TYPE_CHECKING:
     from octoplan.planner.solve.samples import Samples
 
-# Number of guesses of the exact mode before relaxed modes are tried.
+# Number of guesses of the exact mode before modes with least squares are tried.
 N_FIRST_GUESSES = N_EQUAL_OPTIMA + 1
 # Largest objective of least squares for targets within reach [-]. Least squares miss such targets,
 # because the effort has a weight: the objective is at most FINAL_WEIGHT times the effort (half the
@@ -68,7 +68,7 @@ class Search:
     ----------
     task : PlanningProblem
         The problem; samples may require a finer coarse mesh.
-    stage : RelaxationStage
+    stage : Multistart
         The last stage.
     constraints : Constraints or None
         Constraints whose blocks every program has.
@@ -80,9 +80,9 @@ class Search:
         self.task = task
         self.constraints = constraints
         self.blocks = constraints.blocks(task.arm) if constraints else ()
-        self.stage = RelaxationStage(task, "exact", blocks=self.blocks)
+        self.stage = Multistart(task, "exact", blocks=self.blocks)
         self.samples: Samples | None = None
-        self._source = initial_guesses(task, is_loaded(task.arm, task.scene))
+        self._source = initial_guesses(task, is_coupled(task.arm, task.scene))
 
     def run(self) -> Solution:
         """Return the best solution, or the best so far if the time limit is reached."""
@@ -97,24 +97,22 @@ class Search:
         """Return the best optimum of the first mode of the targets that has one.
 
         Unless their number is given, the exact mode first has `N_FIRST_GUESSES` guesses. If no
-        guess has an optimum, or if no optimum can be refined, the relaxed modes are solved. If a
-        relaxed optimum then nearly meets the targets, the exact stage resumes from that optimum,
-        and from the guesses that are left.
+        guess has an optimum, or if no optimum can be refined, the modes with least squares are
+        solved. If one of their optima nearly meets the targets, the exact stage resumes from that
+        optimum, and from the guesses that are left.
         """
         unstable = False
         # The exact stage, if it ended without a result and was not resumed.
-        suspended: RelaxationStage | None = None
+        suspended: Multistart | None = None
         for mode in self._modes():
             n_sampled = self._n_sampled if mode != "exact" and self.task.guesses else 0
             n_tried = len(suspended.trials) if suspended else 1
             guesses = self.guesses(n_tried, n_sampled)
-            stage = RelaxationStage(
-                self.task, mode, guesses, blocks=self.blocks, last=self.stage.last
-            )
+            stage = Multistart(self.task, mode, guesses, blocks=self.blocks, last=self.stage.last)
             self.stage = stage
             can_resume = mode == "exact" and self.task.guesses is None
             n_guesses = N_FIRST_GUESSES if can_resume else None
-            stage.multistart(n_guesses, until_met=suspended is not None)
+            stage.solve_guesses(n_guesses, until_met=suspended is not None)
             if can_resume and not stage.optima:
                 suspended = stage
                 continue
@@ -132,8 +130,8 @@ class Search:
                 result = self._best_of_stage()
                 if result is not None:
                     result = self._exact_near(result)
-                    is_relaxed = result.options.mode != "exact"
-                    return replace(result, unstable=unstable and is_relaxed)
+                    is_least_squares = result.options.mode != "exact"
+                    return replace(result, unstable=unstable and is_least_squares)
                 unstable |= bool(self.stage.unstable)
             suspended = stage if can_resume else suspended
         return replace(self._best_so_far(stopped=False), unstable=unstable)
@@ -157,7 +155,7 @@ class Search:
         """The number of sampled shapes to solve from; half of the guesses, if a number is given."""
         return N_SAMPLED if self.task.guesses is None else self.task.guesses // 2
 
-    def _with_samples(self, stage: RelaxationStage) -> RelaxationStage:
+    def _with_samples(self, stage: Multistart) -> Multistart:
         """Return a stage after solves from the nearest of the sampled shapes.
 
         If the samples require a finer mesh, the best optima of the coarse mesh are solved again.
@@ -173,11 +171,11 @@ class Search:
             trials = [replace(trial, met=False) for trial in stage.trials]
             best = stage.optima[:N_EQUAL_OPTIMA]
             guesses = chain((each.controls for each in best), guesses)
-            stage = RelaxationStage(
+            stage = Multistart(
                 self.task, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
             )
         stage.guesses = guesses
-        stage.multistart(until_met=True, until_equal=False)
+        stage.solve_guesses(until_met=True, until_equal=False)
         return stage
 
     def _best_of_stage(self) -> Solution | None:
@@ -190,7 +188,7 @@ class Search:
         stage = self.stage
         stage.task = self.task
         while True:
-            stage.multistart()
+            stage.solve_guesses()
             nearly_met = stage.mode != "exact" and any(
                 each.f <= NEARLY_MET for each in stage.unstable
             )
@@ -205,7 +203,7 @@ class Search:
             return result
         return self._best_without_margin(stage)
 
-    def _best_without_margin(self, stage: RelaxationStage) -> Solution | None:
+    def _best_without_margin(self, stage: Multistart) -> Solution | None:
         """Return the best refined optimum that is stable, without the default margin."""
         from octoplan.planner.solve.stable_descent import descend
 
@@ -239,10 +237,8 @@ class Search:
                 corrected = on_mesh(refined, problem, task.settled(refined.tensions))
                 guesses = chain([refined.controls], beside(corrected), self.guesses())
                 limited = islice(guesses, task.max_guesses)
-                exact = RelaxationStage(
-                    task, "exact", limited, blocks=self.blocks, corrected=corrected
-                )
-                exact.multistart()
+                exact = Multistart(task, "exact", limited, blocks=self.blocks, corrected=corrected)
+                exact.solve_guesses()
                 return exact.best() or result
         except OutOfTime:
             return replace(result, stopped=True)
@@ -263,7 +259,7 @@ class Search:
         targets = self.task.target_set
         if n_tried > 1 and targets.conditions > POINT and not targets.terms.names[2]:
             again = initial_guesses(
-                self.task, is_loaded(self.task.arm, self.task.scene), missed=True
+                self.task, is_coupled(self.task.arm, self.task.scene), missed=True
             )
         yield from islice(again, max(self.task.max_guesses - n_tried - n_sampled, 0))
         yield from before[1:]

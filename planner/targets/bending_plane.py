@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.arm import Arm
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.units import ANGLE, warn_unusual
@@ -132,7 +132,7 @@ class BendingPlane(Target):
         """See Target.remark: under loads, the bend of the tip and of the anchorage."""
         arm = shape.arm
         end = arm.sections[self.section - 1].at
-        if end == arm.length or not is_loaded(arm, shape.scene):
+        if end == arm.length or not is_coupled(arm, shape.scene):
             return ""
         tip, anchorage = (np.degrees(self.measured(shape, s)[1]) for s in (arm.length, end))
         other = "anchorage" if self.at == "tip" else "tip"

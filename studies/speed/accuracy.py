@@ -37,7 +37,7 @@ from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.equilibrium.collocation_map import CollocationMap
 from octoplan.model.equilibrium.explicit import ClosedForm
 from octoplan.model.forward import REFINEMENTS, ForwardMap
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import MAGNUS4, MAGNUS6
 from octoplan.model.rod.discrete_rod import system
@@ -162,7 +162,7 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
         return math.dist(tip, true[i]) / ARM.length
 
     curves = []
-    names = [*CLOSED_FORMS] * (not is_loaded(ARM, scene)) + [*STAGES] * (scene != EXACT)
+    names = [*CLOSED_FORMS] * (not is_coupled(ARM, scene)) + [*STAGES] * (scene != EXACT)
     for name in names:
         maps = (forward_map(name, scene, mesh) for mesh in size.meshes)
         curves.append(
@@ -186,7 +186,7 @@ def forward_map(name: str, scene: Scene, mesh: int) -> ForwardMap:
     """Return the forward map of an integrator, given by name."""
     if name in CLOSED_FORMS:
         return ClosedForm(ARM, scene, CLOSED_FORMS[name], mesh)
-    return CollocationMap(system(ARM, scene, STAGES[name], mesh, (), is_loaded(ARM, scene)))
+    return CollocationMap(system(ARM, scene, STAGES[name], mesh, (), is_coupled(ARM, scene)))
 
 
 def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tuple[float, ...]]]:
@@ -202,7 +202,7 @@ def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tup
     if scene == WATER:
         loaded = ScipyLoadedArm(ARM, NOTHING, DOWN, 1000.0)
         return [("SciPy shooting", loaded.shoot, RTOLS[:7])]
-    silicone = ScipySiliconeArm(ARM, NOTHING, DOWN if is_loaded(ARM, scene) else NOTHING, 1000.0)
+    silicone = ScipySiliconeArm(ARM, NOTHING, DOWN if is_coupled(ARM, scene) else NOTHING, 1000.0)
     return [("SciPy shooting", silicone.shoot, RTOLS[:8:2])]
 
 

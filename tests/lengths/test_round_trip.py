@@ -9,7 +9,7 @@ import pytest
 
 from octoplan.model import Arm, InputError, Scene, Shape, settle
 from octoplan.model.effects import Extension
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.support.errors import CollapsedError
 from octoplan.model.tendons import rest_lengths
 from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary, pulled, round_trip
@@ -20,7 +20,7 @@ _ARMS = ("table-2", "table-4", "random")
 @pytest.mark.quick("inextensible", "in water")
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_lengths_of_a_shape_give_it_back(scene: Scene) -> None:
-    check_trips(scene, 1, 1 if is_loaded(Arm.from_paper("table-4"), scene) else 3, 1)
+    check_trips(scene, 1, 1 if is_coupled(Arm.from_paper("table-4"), scene) else 3, 1)
 
 
 # The coarse mesh left a billionth of a slack tendon's spare length. The tendon and its antagonists

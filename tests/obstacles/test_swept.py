@@ -13,7 +13,7 @@ from octoplan.model.extensions.clearance.bisection import ClearanceQuery, closes
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearance_query
 from octoplan.model.extensions.obstacles import Box, Capsule, Sphere
 from octoplan.model.extensions.obstacles.base import Obstacle
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
 from tests.core.model.cases import paper_tensions
 from tests.oracles import Array
@@ -155,7 +155,7 @@ def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
                 found = super().lines(stretch, share)
                 return [None if u == 0.5 else x for x, u in zip(found, share, strict=True)]
 
-        if is_loaded(ARM, scene):  # without loads there is one shape for any tensions: none jumps
+        if is_coupled(ARM, scene):  # without loads there is one shape for any tensions: none jumps
             assert closest(Jumping(lines, smooth._tensions), 1, far).bound[0] == -np.inf
         near = _still(Capsule((0.3, 0.1, 0.0), (0.3, 0.2, 0.0), 0.05))
         assert closest(Failing(lines, smooth._tensions), 1, near).bound[0] == -np.inf

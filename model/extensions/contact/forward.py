@@ -17,7 +17,7 @@ from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
 from octoplan.model.extensions.contact.sharp import Request, at_places, sharpened
 from octoplan.model.extensions.contact.touches import Places, places_of
-from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
+from octoplan.model.loads import growth_rate, is_coupled, required_arc_lengths
 from octoplan.model.mesh import Mesh, graded, landmarks
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -96,7 +96,7 @@ class TouchingMap(CollocationMap):
         The loads act first, then the tensions. An arm that snaps under the loads alone is pulled
         first, unless the arm snaps in this order, too.
         """
-        if not is_loaded(self.system.arm, self.system.scene):
+        if not is_coupled(self.system.arm, self.system.scene):
             return replace(follow(end, self._at_rest), history="loads first")
         if self._hanging is not None:
             return replace(follow(end, self._hanging), history="loads first")

@@ -33,7 +33,7 @@ def along(system: DiscreteRod, x: Array, s: Array, obstacles: Index) -> tuple[Ar
     """
     of, mesh = system.layout, system.mesh
     poses, v = poses_and_strains(system, x, s)
-    m, step = of.structure.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
+    m, step = of.structure.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.elements - 1)
     h, p = np.diff(mesh.s)[step], np.arange(1, m)
     weights = p * ((s - mesh.s[step]) / h)[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
     stages = x[of.n_before_states + of.stages].reshape(-1, m, of.structure.n_strains)[step]
@@ -49,7 +49,7 @@ def gaps_along(system: DiscreteRod, states: Array, samples: int = _SAMPLES) -> t
 
     So many in each element, the last at its end.
     """
-    steps, mesh = system.mesh.steps, system.mesh.s
+    steps, mesh = system.mesh.elements, system.mesh.s
     s = np.interp(np.arange(1, samples * steps + 1) / samples, np.arange(steps + 1), mesh)
     points, radii = Centreline.at_states(system, states).at(s)
     return s, distances(bodies_of(system.scene), points)[0] - radii[:, None]

@@ -27,7 +27,7 @@ from octoplan.model.extensions.contact.path import EXCHANGES, stepped
 from octoplan.model.extensions.contact.touches import ContactPoint
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.forward import ForwardMap, forward_maps
-from octoplan.model.loads import check_loads, is_loaded
+from octoplan.model.loads import check_loads, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import SettlingProblem, settle_on_meshes
@@ -147,7 +147,7 @@ def settle_with_self_contact(problem: SettlingProblem) -> Shape:
             return forward.solve(T, near, tolerance_factor)
 
         maps = forward_maps(arm, scene, problem.machine_code)
-        is_branch = near is not None and is_loaded(arm, scene) and is_loaded(near.arm, near.scene)
+        is_branch = near is not None and is_coupled(arm, scene) and is_coupled(near.arm, near.scene)
         begin = near.equilibrium if near is not None and is_branch else None
         return settle_on_meshes(maps, on_mesh, accuracy, begin)
 

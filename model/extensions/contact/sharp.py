@@ -267,7 +267,7 @@ def _end_shift(of: Request, point: Equilibrium, place: Place, side: int) -> floa
     system, L, sheared = point.system, of.base.arm.length, of.base.scene.has(Shear)
     s, j = (place.end if side > 0 else place.start), place.obstacle
     beyond = system.mesh.node(s) + side
-    if beyond > system.mesh.steps:
+    if beyond > system.mesh.elements:
         return 0.0
     h = abs(float(system.mesh.s[beyond]) - s)
     # Values at a node are those on its base side.

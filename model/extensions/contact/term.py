@@ -14,7 +14,7 @@ from octoplan.model.extensions.contact.kernels import pressure, touch
 from octoplan.model.extensions.obstacles.base import distances
 from octoplan.model.mesh import Counts, Mesh
 from octoplan.model.paths import Array
-from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.equations import ParameterValues, PlacedKernel
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.rod_term import ElementLoad, RodTerm
 from octoplan.model.rod.structure import RodPlaces
@@ -114,7 +114,7 @@ class ContactTerm(RodTerm):
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
         """Return all nodes except the base."""
-        return tuple(range(1, mesh.steps + 1))
+        return tuple(range(1, mesh.elements + 1))
 
     def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
         """Return 2 with friction, which acts at nodes if a part conforms to an obstacle."""
@@ -124,7 +124,7 @@ class ContactTerm(RodTerm):
         """Return no moment: stability in contact is tested with contacts closed."""
         return ()
 
-    def node_kernels(self, places: RodPlaces) -> list[Term]:
+    def node_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return the contact of the nodes with all obstacles."""
         K = self.count
         law = places.structure.law
@@ -148,9 +148,11 @@ class ContactTerm(RodTerm):
                 unknowns += [near.reshape(-1, 8)]
             unknowns += [friction]
         kernel = cached(touch, law, m, self.has_friction, self.pressed)
-        return [Term(kernel, places.n_before_states + np.hstack(unknowns).T, np.hstack(rows).T)]
+        return [
+            PlacedKernel(kernel, places.n_before_states + np.hstack(unknowns).T, np.hstack(rows).T)
+        ]
 
-    def element_kernels(self, places: RodPlaces) -> list[Term]:
+    def element_kernels(self, places: RodPlaces) -> list[PlacedKernel]:
         """Return the pressure on the elements."""
         if not self.pressed:
             return []
@@ -165,7 +167,7 @@ class ContactTerm(RodTerm):
         unknowns = places.n_before_states + np.hstack([poses, inside, both]).T
         structure = places.structure
         kernel = cached(pressure, structure.law, structure.stages, self.has_friction)
-        return [Term(kernel, unknowns, np.hstack([wrench, inside]).T)]
+        return [PlacedKernel(kernel, unknowns, np.hstack([wrench, inside]).T)]
 
     def kernel_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
         """Return the values of nodes and elements that may touch something; none does yet."""

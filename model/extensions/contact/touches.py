@@ -189,7 +189,7 @@ def read_off(system: DiscreteRod, touching: Mask, joined: Mask, force: Array) ->
 
     Three or more consecutive nodes whose elements lie on the obstacle form a part.
     """
-    s, places, last = system.mesh.s, list[Place](), system.mesh.steps
+    s, places, last = system.mesh.s, list[Place](), system.mesh.elements
     for j in range(touching.shape[1]):
         nodes = np.flatnonzero(touching[:, j])
         linked = (np.diff(nodes) == 1) & joined[nodes[:-1], j]

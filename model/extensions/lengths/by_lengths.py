@@ -28,7 +28,7 @@ from octoplan.model.extensions.lengths.least_energy import ROUNDS, LeastEnergy
 from octoplan.model.extensions.lengths.shortest import SHORT, no_shape, refuse
 from octoplan.model.extensions.lengths.winches import ROUNDING, Winches, nonnegative_step, slackened
 from octoplan.model.forward import ForwardMap, ForwardMaps
-from octoplan.model.loads import has_complementarity, is_loaded
+from octoplan.model.loads import has_complementarity, is_coupled
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.support.errors import (
@@ -173,7 +173,7 @@ class GivenLengths:
 
         Raises InputError if no shape has the lengths.
         """
-        if not is_loaded(self.maps.arm, self.maps.scene):
+        if not is_coupled(self.maps.arm, self.maps.scene):
             return forward.solve(self._unloaded_tensions)
         assert isinstance(forward, CollocationMap)
         begins = self._initial_equilibria(forward, near)
@@ -184,7 +184,7 @@ class GivenLengths:
 
     def finished(self, forward: ForwardMap, end: AnyEquilibrium) -> AnyEquilibrium:
         """Return an accepted equilibrium with tensions refined to rounding if possible."""
-        if not (isinstance(end, Equilibrium) and is_loaded(self.maps.arm, self.maps.scene)):
+        if not (isinstance(end, Equilibrium) and is_coupled(self.maps.arm, self.maps.scene)):
             return end
         assert isinstance(forward, CollocationMap)
         return solve_lengths(end, self.winches, forward.solve_from, self.maps.arm) or end
@@ -264,7 +264,7 @@ class GivenLengths:
         arm = self.maps.arm
         scene = self.maps.scene
         winches = self.winches
-        mesh = 1, (), is_loaded(arm, scene), self.maps.machine_code
+        mesh = 1, (), is_coupled(arm, scene), self.maps.machine_code
         program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
         for rounds in (1,) if program.conservative else (1, ROUNDS):
             minimum = program.minimise(program.at_rest(), winches.tensions, 1.0, winches, rounds)

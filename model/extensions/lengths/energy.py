@@ -21,7 +21,7 @@ from octoplan.model.extensions.guides import chord_energy, chord_length
 from octoplan.model.extensions.obstacles.base import SIZE, signed_distance
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import element, rotation_quaternions
-from octoplan.model.rod.equations import Equations, Term
+from octoplan.model.rod.equations import Equations, PlacedKernel
 from octoplan.model.rod.kernels import Intermediates, Kernel, Places
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.structure import RodStructure
@@ -137,7 +137,7 @@ def potential_energy(layout: Layout, levers: tuple[int, ...], spans: Spans) -> E
         (off_midline(), nodes[list(levers), :4].T),
         (stretched(), n + np.arange(layout.n_tendons)[None]),
     ]
-    row = [Term(kernel, y, np.zeros((1, y.shape[1]), np.int64)) for kernel, y in terms]
+    row = [PlacedKernel(kernel, y, np.zeros((1, y.shape[1]), np.int64)) for kernel, y in terms]
     return Equations(n + layout.n_tendons, 1, row)
 
 
@@ -155,10 +155,12 @@ def held_rows(layout: Layout, obstacles: int, spans: Spans) -> Equations:
     gaps = POSE * N + n_tendons + np.arange(N * obstacles)[None]
     places = np.vstack([nodes[:-1].T, layout.inside, nodes[1:].T])
     terms = [
-        Term(kinematics(law, layout.structure.stages), places, poses),
-        Term(cached(tendon_length, law), layout.stages.T[:, stage], lengths[:, tendon]),
-        Term(cached(chord_length), span_poses(layout, spans), lengths[:, [j for j, _, _ in spans]]),
-        Term(longer(), n + tendons, lengths),
-        Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
+        PlacedKernel(kinematics(law, layout.structure.stages), places, poses),
+        PlacedKernel(cached(tendon_length, law), layout.stages.T[:, stage], lengths[:, tendon]),
+        PlacedKernel(
+            cached(chord_length), span_poses(layout, spans), lengths[:, [j for j, _, _ in spans]]
+        ),
+        PlacedKernel(longer(), n + tendons, lengths),
+        PlacedKernel(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
     ]
     return Equations(n + n_tendons, POSE * N + n_tendons + gaps.size, terms)

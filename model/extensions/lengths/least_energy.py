@@ -138,7 +138,7 @@ class LeastEnergy:
         if not isinstance(law, EnergySection):
             law = ExactSection(law.extension, law.torsion, law.shear, law.curved)
         kinematics = RodStructure(law, m, has_moment=False)
-        self.layout = layout(kinematics, system.layout.ends, mesh.steps)
+        self.layout = layout(kinematics, system.layout.ends, mesh.elements)
         levers = [each for each in scene.rod_terms if isinstance(each, PointForceTerm)]
         levers = [each for each in levers if each.offset]
         self._lever_nodes = tuple(node for each in levers for node in each.nodes(mesh))
@@ -165,8 +165,8 @@ class LeastEnergy:
             [[L], [L], [1], [1]]
         )
         end = np.repeat(mesh.s[1:], m)
-        dead = dead_resultant(arm, scene, system.s, end).reshape(3, mesh.steps, m)
-        self._dead = dead.transpose(2, 0, 1).reshape(-1, mesh.steps) / F
+        dead = dead_resultant(arm, scene, system.s, end).reshape(3, mesh.elements, m)
+        self._dead = dead.transpose(2, 0, 1).reshape(-1, mesh.elements) / F
         offsets = np.array([each.offset for each in levers]).reshape(-1, 3)
         rows = np.hstack([offsets, np.array([each.force for each in levers]).reshape(-1, 3)])
         self._levers = rows.T / np.repeat([L, F], 3)[:, None]
@@ -221,7 +221,7 @@ class LeastEnergy:
         x = np.zeros(self.layout.n_states)
         x[self.layout.stages] = v
         x[self.layout.nodes] = self.system.integrate_poses(self._of_system(v))
-        forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
+        forces = np.zeros((self.system.mesh.elements, len(self._bodies)))
         return Minimum(np.append(x / self._unit, 0 * tensions), tensions, forces, 0 * v)
 
     def _states(self, point: Minimum) -> Array:

@@ -32,8 +32,8 @@ from octoplan.planner.extensions.base_joints.placement import JointPlacement
 from octoplan.planner.planning_problem import Mode, PlanningProblem
 from octoplan.planner.solution import NlpSolution, Solution, Trial
 from octoplan.planner.solve.guesses import drawn_arms
+from octoplan.planner.solve.multistart import N_EQUAL_OPTIMA, Multistart
 from octoplan.planner.solve.refine import CORRECTIONS, refine
-from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA, RelaxationStage
 from octoplan.planner.solve.samples import fine_enough, fitted, sample
 from octoplan.planner.solve.search import N_SAMPLED, Search
 
@@ -214,7 +214,7 @@ class ObstacleSearch:
                     constraints = kept if kept and kept.rows else None
                     return optimum.f, fine.result(self.trials, avoidance=constraints)
                 avoidance, _ = self._avoiding(line, avoidance)
-            stage = RelaxationStage(task, mode, blocks=avoidance.blocks(task.arm))
+            stage = Multistart(task, mode, blocks=avoidance.blocks(task.arm))
             optimum = stage.resolve_with(optimum) if optimum else stage.solve_from(T)
             self.trials += stage.trials
             if optimum is None:

@@ -20,7 +20,7 @@ from octoplan.model.equilibrium.newton import STAGES, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.clearance.pieces import DeviationBound
 from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import MAGNUS6
 from octoplan.model.rod.discrete_rod import system
@@ -48,7 +48,7 @@ class Lines:
         if scene.has(PrintedStatics):
             allowed = "a scene whose statics are consistent: motions as printed are not cleared"
             raise InputError("scene", Described("a scene as printed"), allowed)
-        self.arm, self.scene, self.loaded = arm, scene, is_loaded(arm, scene)
+        self.arm, self.scene, self.loaded = arm, scene, is_coupled(arm, scene)
         self._machine_code = machine_code
         self._forward: Any = (
             CollocationMap(system(arm, scene, STAGES, refinement, at, True, machine_code))
@@ -66,7 +66,7 @@ class Lines:
         poses, strains = forward.run(tensions)
         if np.isnan(poses[-1]).any():
             return None
-        law, inner = self.sections.law, strains[: forward.mesh.steps * STAGES]
+        law, inner = self.sections.law, strains[: forward.mesh.elements * STAGES]
         at = self.arm, self.scene, forward.mesh.s
         return Centreline.at_strains(*at, poses, law, strains_of(law, inner))
 

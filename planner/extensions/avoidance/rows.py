@@ -24,7 +24,7 @@ from octoplan.model.extensions.clearance.nearest import base_plane
 from octoplan.model.extensions.obstacles.base import SIZE, Convex, distances_from, signed_distance
 from octoplan.model.mesh import base_pose, graded
 from octoplan.model.paths import Array
-from octoplan.model.rod.equations import Equations, Term
+from octoplan.model.rod.equations import Equations, PlacedKernel
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rotations import POSE, matrices, matrix
 from octoplan.model.support.machine.functions import cached
@@ -155,8 +155,10 @@ class ClearanceBlock(Block):
         pairs = np.array(self.pairs, dtype=np.int64).reshape(-1, 2)
         rows = np.arange(slots.size + len(pairs))[None, :]
         terms = [
-            Term(cached(_from_body), both[slots].T, rows[:, : slots.size]),
-            Term(cached(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
+            PlacedKernel(cached(_from_body), both[slots].T, rows[:, : slots.size]),
+            PlacedKernel(
+                cached(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]
+            ),
         ]
         # CasADi cannot differentiate compiled kernels.
         return Equations(POSE * len(self.nodes), rows.size, terms, machine_code=False)

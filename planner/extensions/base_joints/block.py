@@ -19,7 +19,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.mesh import base_pose
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.equations import Term
+from octoplan.model.rod.equations import PlacedKernel
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rotations import POSE, multiply, unit_matrix
 from octoplan.model.support.machine.functions import cached
@@ -84,11 +84,11 @@ class JointBlock(Block):
 
     # Symbols
 
-    def shares(self, decision: int) -> list[Term]:
+    def shares(self, decision: int) -> list[PlacedKernel]:
         """Return minus the motion of the clamp, in the equations of the base's pose."""
         kernel = cached(_clamp_motion, self.has_insertion, self.has_rotation)
         unknowns = decision + np.arange(self.n_decisions)[:, None]
-        return [Term(kernel, unknowns, np.arange(POSE)[:, None])]
+        return [PlacedKernel(kernel, unknowns, np.arange(POSE)[:, None])]
 
     def parts(self, view: ProgramView) -> Parts:
         """Return the limits, and the effort with the cost of the joints."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from octoplan.model.effects.sections import Extension
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.planner.extensions.base_joints.block import HALF_TURN
 from octoplan.planner.extensions.base_joints.placement import JointPlacement, moved_poses
@@ -56,7 +56,7 @@ def guesses(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterat
     at_rest = np.append(straight, base.values)
     if task.target_set.conditions < POINT:
         yield at_rest
-    loaded = is_loaded(task.arm, task.scene)
+    loaded = is_coupled(task.arm, task.scene)
     for k, controls in enumerate(_fitted(task, base, missed)):
         yield controls
         yield from _turned(controls, base, np.pi / 2 if loaded else _NEAR_END)

@@ -32,7 +32,7 @@ from octoplan.planner.extensions.contact.touching import arms_that_touch
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import initial_guesses
-from octoplan.planner.solve.relaxation_stage import N_EQUAL_OPTIMA
+from octoplan.planner.solve.multistart import N_EQUAL_OPTIMA
 
 # Refinement of the search's mesh.
 COARSE = 1

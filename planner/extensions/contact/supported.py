@@ -6,7 +6,7 @@ import numpy as np
 
 from octoplan.model.extensions.contact.effects import contacts, without_contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.support.errors import Described, InputError
 from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.wrap import Wrap
@@ -69,7 +69,7 @@ def _check_reach(task: PlanningProblem, hold: Hold) -> None:
     arm = task.arm
     reach = arm.length + float(arm.outer_radius(np.array([arm.length]))[0][0])
     distance = float(hold.obstacle.distance(np.array(arm.base_position)))
-    if distance > reach and not is_loaded(arm, without_contacts(task.scene)):
+    if distance > reach and not is_coupled(arm, without_contacts(task.scene)):
         allowed = f"an obstacle within reach: it is {1e3 * distance:.4g} mm from the base"
         allowed += f", and the arm is {1e3 * arm.length:.4g} mm long"
         raise InputError("Hold.obstacle", hold.obstacle, allowed)

@@ -19,7 +19,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium, Index
 from octoplan.model.extensions.contact.effects import contacts, without_contacts
 from octoplan.model.extensions.contact.gaps import gaps_along
 from octoplan.model.extensions.obstacles.base import Convex
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.checks import SMALLEST
 from octoplan.model.support.errors import OctoplanError
@@ -30,7 +30,7 @@ from octoplan.planner.extensions.contact.load_path import LoadPath
 from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solve.guesses import BendCoordinates, many_places
-from octoplan.planner.solve.relaxation_stage import RelaxationStage
+from octoplan.planner.solve.multistart import Multistart
 from octoplan.planner.targets.backbone import Backbone
 
 # Number of arms that are drawn; number of the nearest of these, and of the best of these, around
@@ -169,7 +169,7 @@ def _arms_beside(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
         return
     arms = _before_first_touch(task, body, arms.tensions[near])
     options, scene = task.options.replace(margin=0.0), without_contacts(task.scene)
-    bears_loads = is_loaded(arm, scene)
+    bears_loads = is_coupled(arm, scene)
     clear = np.flatnonzero((arms.gaps >= 0) & (arms.gaps < _NEAR * arm.length))
     for i in _with_new_places_first(arm, arms, clear[_order(arm, hold, arms, clear)]):
         if not bears_loads:
@@ -177,7 +177,7 @@ def _arms_beside(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
             continue
         there = Backbone((tuple(arms.places[i].tolist()),), (float(arms.s[i]),))
         free = replace(task, targets=(there,), scene=scene, options=options)
-        loaded = RelaxationStage(free, "closest").solve_from(arms.tensions[i])
+        loaded = Multistart(free, "closest").solve_from(arms.tensions[i])
         yield arms.tensions[i] if loaded is None else loaded.tensions
 
 

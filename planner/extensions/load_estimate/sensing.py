@@ -12,10 +12,10 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.modes import stability
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.forward import (
-    COARSE,
     FINEST,
     FINEST_ACCURACY,
     ORDER,
+    REMEDY,
     checked_accuracy,
     estimate,
     next_refinement,
@@ -241,10 +241,10 @@ class _Problem:
                 )
             refinement = next_refinement(refinement, error, self.tolerance, order)
             if not refinement:
-                raise ConvergenceError(self.tolerance, error, COARSE)
+                raise ConvergenceError(self.tolerance, error, REMEDY)
             finer = self._equations(refinement).near(fit.shape, fit.shape.wrench)
             if finer is None:
-                raise ConvergenceError(self.tolerance, error, COARSE)
+                raise ConvergenceError(self.tolerance, error, REMEDY)
             start = finer
 
     def _equations(self, refinement: int) -> LoadedArm:

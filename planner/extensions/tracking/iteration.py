@@ -14,7 +14,7 @@ from octoplan.model.equilibrium.modes import stability_slope
 from octoplan.model.equilibrium.newton import Start, newton, step_sizes
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.forward import forward_maps
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
@@ -118,7 +118,7 @@ class Iteration:
             shape.refinement
         )
         self._error = shape.error
-        self._is_loaded = is_loaded(problem.arm, problem.scene)
+        self._is_coupled = is_coupled(problem.arm, problem.scene)
         self._least_effort = _LEAST_EFFORT * self._effort(largest_change / problem.unit)
         terms = problem.target_set.terms
         kinds = program.row_kinds[: program.n_design_rows]
@@ -203,7 +203,7 @@ class Iteration:
     def is_stable(self, shape: Shape, margin: float) -> bool:
         """Return whether a shape is stable with a margin; shapes without loads are stable."""
         point = shape.collocated
-        return not self._is_loaded or point is None or is_stable(point, margin)
+        return not self._is_coupled or point is None or is_stable(point, margin)
 
     def stability_row(self, shape: Shape) -> StabilityRow | None:
         """Return the linearised stability of a shape; None if the equations are singular."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.forward import FINEST_ACCURACY
-from octoplan.model.loads import has_complementarity, is_loaded
+from octoplan.model.loads import has_complementarity, is_coupled
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report
@@ -211,7 +211,7 @@ def _checked(
         return result
     report("verifying between waypoints")
     lines = question.lines()
-    loaded = is_loaded(question.arm, question.scene)
+    loaded = is_coupled(question.arm, question.scene)
     if loaded or question.limits.strokes is not None:
         slack, _, jumps = strokes_between(question, lines, way)
         result = replace(result, strokes=max(0.0, -float(slack.min())), jumps=jumps)

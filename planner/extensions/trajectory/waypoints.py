@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 
 from octoplan.model.effects import Extension
-from octoplan.model.loads import is_loaded, is_path_dependent
+from octoplan.model.loads import is_coupled, is_path_dependent
 from octoplan.model.paths import Array
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
@@ -35,8 +35,8 @@ from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.ipopt import solve
+from octoplan.planner.solve.multistart import Multistart
 from octoplan.planner.solve.refine import CORRECTIONS, SAFETY_FACTOR, collapse_defect, defect
-from octoplan.planner.solve.relaxation_stage import RelaxationStage
 from octoplan.planner.solve.search import Search
 
 
@@ -67,7 +67,7 @@ class Waypoints:
         stable = self.options.replace(modes=1)
         more = (
             (stable, stable.replace(margin=0.0))
-            if is_loaded(self.question.arm, self.question.scene)
+            if is_coupled(self.question.arm, self.question.scene)
             else ()
         )
         for options in dict.fromkeys((planned, *more)):
@@ -204,7 +204,7 @@ def _is_best(optimum: NlpSolution) -> bool:
     task = optimum.problem.task
     guesses = Search(task).guesses()
     blocks = optimum.problem.extensions
-    return RelaxationStage(task, "exact", guesses, blocks).confirms(optimum)
+    return Multistart(task, "exact", guesses, blocks).confirms(optimum)
 
 
 def planned_touching(question: Question) -> list[Waypoint]:

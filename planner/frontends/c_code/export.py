@@ -17,7 +17,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import LEAST_STRETCH
 from octoplan.model.equilibrium.linearised import AnyEquilibrium
 from octoplan.model.forward import ForwardMap, ForwardMaps, checked_accuracy, explicit_map
-from octoplan.model.loads import has_explicit_map, is_loaded
+from octoplan.model.loads import has_explicit_map, is_coupled
 from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, checked_scene, settle, settle_on_meshes
@@ -177,7 +177,7 @@ def _settled(arm: Arm, tensions: Any, scene: Scene, accuracy: float) -> Shape:
 
     `settle` solves arms with turning tendons by collocation, on other meshes.
     """
-    if not is_loaded(arm, scene):
+    if not is_coupled(arm, scene):
         return settle(arm, tensions, scene, accuracy)
     T = arm.flat(tensions)
 

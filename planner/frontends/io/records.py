@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.compliance import length_error
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import OutOfTime
@@ -111,7 +111,7 @@ def _sections(k: Any) -> Any:
 
 def stability_under_loads(shape: Shape) -> float | None:
     """Return the stability of a shape; None without loads, and if the scene has no energy."""
-    if not is_loaded(shape.arm, shape.scene):
+    if not is_coupled(shape.arm, shape.scene):
         return None
     with suppress(InputError):
         return shape.stability

@@ -26,7 +26,7 @@ from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.obstacles.base import Obstacle, distances_from
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import has_complementarity, is_loaded
+from octoplan.model.loads import has_complementarity, is_coupled
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import initial_tolerance_factor, settle
@@ -284,7 +284,7 @@ def _under_loads(shape: Shape) -> Equilibrium | None:
 
     Shapes in contact need meshes that depend on the contact.
     """
-    is_fixed = is_loaded(shape.arm, shape.scene) and not has_complementarity(shape.scene)
+    is_fixed = is_coupled(shape.arm, shape.scene) and not has_complementarity(shape.scene)
     return shape.collocated if is_fixed else None
 
 

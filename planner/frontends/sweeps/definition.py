@@ -20,7 +20,7 @@ from octoplan.model import InputError
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.obstacles.base import Obstacle
 from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.loads import check_loads, is_loaded
+from octoplan.model.loads import check_loads, is_coupled
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import Described, FileError
@@ -175,7 +175,7 @@ def _sweep(
     by_lengths = "lengths" in question.options
     closed = (
         file.sweep.compute == "settle"
-        and not is_loaded(question.arm, question.scene)
+        and not is_coupled(question.arm, question.scene)
         and not by_lengths
     )
     together = closed and all(axis.key.startswith("tensions") for axis in axes)

@@ -28,8 +28,8 @@ from octoplan.planner.limits import TendonLimits
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import effort
+from octoplan.planner.solve.multistart import Multistart
 from octoplan.planner.solve.refine import refine
-from octoplan.planner.solve.relaxation_stage import RelaxationStage
 from octoplan.planner.targets.tip import TipPosition
 
 _XYZ = ("xyz",)
@@ -184,7 +184,7 @@ class WorkspaceJob:
 
     def _plan_from(self, missed: Plan, T: Array) -> Plan | None:
         """Return the plan from the tensions of the tip that is nearest to a missed target."""
-        stage = RelaxationStage(missed.problem, "nearest")
+        stage = Multistart(missed.problem, "nearest")
         with suppress(OctoplanError, np.linalg.LinAlgError):
             optimum = stage.solve_from(T)
             fine = None if optimum is None else refine(optimum)

@@ -89,7 +89,7 @@ def node_states(arm: str, key: str, build: Build, refinement: int) -> Array:
     if not isinstance(found, ExplicitEquilibrium) or key != "as_printed":
         return found.poses
     # Strains on the base side of the nodes, from the tip on, and last at the base.
-    rows = found.strains[[-1, *range(found.mesh.steps)[::-1]], :3]
+    rows = found.strains[[-1, *range(found.mesh.elements)[::-1]], :3]
     return np.hstack([found.poses, rows])
 
 

@@ -33,7 +33,7 @@ class MagneticTipTerm(RodTerm):
     node_parameters: ClassVar[Sizes] = {"dipole": 3, "field": 3}
 
     def nodes(self, mesh: Mesh) -> tuple[int, ...]:
-        return (mesh.steps,)
+        return (mesh.elements,)
 
     def node_moment(self, node: NodeView) -> ca.SX:
         return ca.cross(node.frame @ node.parameters["dipole"], node.parameters["field"])

@@ -15,7 +15,7 @@ from octoplan.planner import plan
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.solve.relaxation_stage import solve_from_guess
+from octoplan.planner.solve.multistart import solve_from_guess
 from octoplan.planner.solve.samples import fitted, sample, spread
 from octoplan.planner.solve.search import N_SAMPLED
 from octoplan.planner.targets import TipPosition

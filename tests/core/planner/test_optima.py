@@ -14,7 +14,7 @@ from octoplan.model.arm import conical
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.solution import NlpSolution
-from octoplan.planner.solve import relaxation_stage
+from octoplan.planner.solve import multistart
 from octoplan.planner.solve.refine import refine
 from octoplan.planner.targets import Backbone, Bend, Fetch, TipPose, TipPosition
 from tests.core.planner.cases import PAPER, Array, off, read
@@ -331,7 +331,7 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
         same = abs(coarse.f / min(s.objective for s in best.solution.starts) - 1) < 1e-3
         return None if same else refine(coarse)
 
-    monkeypatch.setattr(relaxation_stage, "refine", losing)
+    monkeypatch.setattr(multistart, "refine", losing)
     found = plan(ARM, target, PAPER, 20.0, starts=8)
     assert found.reached
     assert found.solution.lost == pytest.approx(1 - best.effort / found.effort, rel=0.02)

@@ -21,7 +21,7 @@ from octoplan.model.effects import (
 )
 from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import is_coupled
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import (
     Backbone,
@@ -80,7 +80,7 @@ def check_met(
     assert found.certificate.passed, found.outcome
     assert found.reached and found.outcome.startswith("Reached")
     assert found.solution.iterations > 0
-    stages, refinement = (2, 64) if is_loaded(arm, scene) else (3, 32)
+    stages, refinement = (2, 64) if is_coupled(arm, scene) else (3, 32)
     other = collocated(arm, found.tensions, scene, stages, refinement)
     assert off(other, target, kind) < 2e-6
     assert found.tensions.min() >= 0

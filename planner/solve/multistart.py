@@ -27,7 +27,7 @@ from octoplan.planner.solve.guesses import POINT
 from octoplan.planner.solve.ipopt import Purpose, solve
 from octoplan.planner.solve.refine import COARSE_RTOL, refine
 
-# Number of equal optima after which a multistart ends. Relaxed targets need one more, and so do
+# Number of equal optima after which a multistart ends. Least squares need one more, and so do
 # exact targets of a point or more, which arms meet in several ways. If guesses come in the order of
 # effort, the multistart also ends after this number of guesses without a better optimum.
 N_EQUAL_OPTIMA = 2
@@ -68,8 +68,8 @@ def solve_from_guess(
         if solution is not None:
             return solution
     # Least squares do not converge from an arm far from the equilibrium under the weight.
-    is_relaxed = problem.options.mode != "exact"
-    x = problem.guess(controls, settled=is_relaxed)
+    is_least_squares = problem.options.mode != "exact"
+    x = problem.guess(controls, settled=is_least_squares)
     purpose: Purpose = "search" if defect is None else "meet"
     solution = solve(problem, x, problem.parameters(SEARCH_WEIGHT, defect), purpose=purpose)
     check_time()
@@ -77,7 +77,7 @@ def solve_from_guess(
 
 
 @dataclass(eq=False)
-class RelaxationStage:
+class Multistart:
     """The multistart in one mode of the targets, with guesses and optima.
 
     Attributes
@@ -133,10 +133,10 @@ class RelaxationStage:
 
     @property
     def no_stable_optimum_meets(self) -> bool:
-        """Whether targets are relaxed, and the least squares of no stable optimum vanish."""
+        """Whether targets are least squares, and those of no stable optimum vanish."""
         return self.mode != "exact" and not any(each.f <= NEARLY_MET for each in self.stable)
 
-    def multistart(
+    def solve_guesses(
         self, most: int | None = None, until_met: bool = False, until_equal: bool = True
     ) -> None:
         """Solve from guesses.
@@ -148,20 +148,20 @@ class RelaxationStage:
         until_met : bool
             Whether to end at an optimum whose least squares vanish.
         until_equal : bool
-            Whether to end after enough equal optima, see `multistart_done`.
+            Whether to end after enough equal optima, see `is_done`.
         """
         problem, defect = self._problem(), None
         if self.corrected is not None:
             problem, defect = self.corrected.problem, self.corrected.defect
         for T in islice(self.guesses, most):
-            if until_equal and self.multistart_done(problem.forward.loads_first):
+            if until_equal and self.is_done(problem.forward.loads_first):
                 return
             if until_met and self.some_optimum_meets:
                 return
             report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
             self._record(solve_from_guess(problem, T, defect, self.optima))
 
-    def multistart_done(self, descends: bool = False) -> bool:
+    def is_done(self, descends: bool = False) -> bool:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.
 
         The latter counts if guesses come in the order of effort and the targets are met: the
@@ -189,7 +189,7 @@ class RelaxationStage:
         An optimum without the required stability is not confirmed.
         """
         self._record(optimum)
-        self.multistart()
+        self.solve_guesses()
         best = min((each.f for each in self.stable), default=np.inf)
         return optimum in self.stable and optimum.f <= (1 + COARSE_RTOL) * best
 
