@@ -293,7 +293,7 @@ class Placement(Protocol):
     def blocks(self, norm: str) -> tuple[Block, ...]:
         """Return the blocks of the joints, for the norm of the tensions that is minimised."""
 
-    def guesses(self, task: PlanningProblem, missed: bool) -> Iterator[Array]:
+    def guesses(self, problem: PlanningProblem, missed: bool) -> Iterator[Array]:
         """Yield initial tensions and joint values (n_tendons + n_joints,)."""
 
     def checks(self) -> Mapping[str, Check]:

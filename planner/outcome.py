@@ -13,7 +13,7 @@ from octoplan.model.support.progress import OUT_OF_TIME
 from octoplan.model.tendons import is_taut
 from octoplan.planner.blocks import CRUSHED
 from octoplan.planner.certificate import Certificate
-from octoplan.planner.problem import RESOLVED, tension_scales
+from octoplan.planner.program_instance import RESOLVED, tension_scales
 from octoplan.planner.solution import STABILITY_TOLERANCE
 from octoplan.planner.targets.base import OVER_WANTED
 from octoplan.planner.targets.target_set import TargetSet

@@ -24,7 +24,7 @@ from octoplan.planner.certificate import Certificate, Optimality, certify
 from octoplan.planner.entry_points import MIRROR_IMAGES, PLAN, SAVE_PLAN, load
 from octoplan.planner.outcome import holding, outcome, remarks
 from octoplan.planner.planning_problem import Mode, PlanningProblem, effort
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solution import NlpSolution, Solution
 from octoplan.planner.solve.refine import on_mesh
 from octoplan.planner.targets.base import Target
@@ -202,11 +202,11 @@ class Plan(TextRepr):
 
     # The nonlinear program
 
-    def program(self) -> Problem:
+    def program(self) -> ProgramInstance:
         """Return the nonlinear program that the solution is an optimum of."""
         avoidance = self.solution.avoidance
         blocks = avoidance.blocks(self.arm) if avoidance else ()
-        return Problem(self.placed, self.problem.options, blocks)
+        return ProgramInstance(self.placed, self.problem.options, blocks)
 
     def multiplier_counts(self) -> tuple[int, int]:
         """Return the numbers of multipliers of bounds and rows that the solution must have."""
@@ -220,14 +220,14 @@ class Plan(TextRepr):
         The search's own point if there is one; otherwise the equilibrium under the tensions. None
         if the tensions do not settle, or if the multipliers belong to another program.
         """
-        problem = self.program()
-        program = problem.program
+        instance = self.program()
+        program = instance.program
         lam_x, lam_g = np.array(self.solution.lam_x), np.array(self.solution.lam_g)
         if lam_x.size < program.n_decision or lam_g.size < program.n_design_rows:
             return None
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            known = NlpSolution(np.zeros(0), lam_x, lam_g, 0.0, True, 0, problem=problem)
-            return on_mesh(known, problem, self.shape)
+            known = NlpSolution(np.zeros(0), lam_x, lam_g, 0.0, True, 0, instance=instance)
+            return on_mesh(known, instance, self.shape)
         return None
 
     def _optimality(self) -> Optimality:

@@ -29,7 +29,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.value import Count
 from octoplan.planner.block import Constraints
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem, factorised
+from octoplan.planner.program_instance import ProgramInstance, factorised
 
 # Largest residual of the first-order conditions of an optimum, scaled [-].
 KKT_TOLERANCE = 1e-6
@@ -185,45 +185,45 @@ class NlpSolution(SolverResult):
 
     Attributes
     ----------
-    problem : Problem
+    instance : ProgramInstance
     defect : (n,) or None
         Defect of the mesh for which the program was solved, see octoplan.planner.solve.refine.
     """
 
-    problem: Problem = field(kw_only=True)
+    instance: ProgramInstance = field(kw_only=True)
     defect: Array | None = field(default=None, kw_only=True)
 
     @property
     def tensions(self) -> Array:
         """The tensions (n_tendons,) [N]."""
-        return self.problem.tensions(self.x)
+        return self.instance.tensions(self.x)
 
     @property
-    def task(self) -> PlanningProblem:
+    def problem(self) -> PlanningProblem:
         """The planning problem, with the base at the joint values of the solution."""
-        return self.problem.task.at_base(self.problem.base_joints(self.x))
+        return self.instance.problem.at_base(self.instance.base_joints(self.x))
 
     @property
     def controls(self) -> Array:
         """The tensions (n_tendons,) [N], followed by the values of base joints if any."""
-        return np.append(self.tensions, self.problem.base_joints(self.x))
+        return np.append(self.tensions, self.instance.base_joints(self.x))
 
     def settled(self, near: Shape | None = None) -> Shape:
         """Return the settled shape under the tensions; see PlanningProblem.settled."""
-        return self.task.settled(self.tensions, near)
+        return self.problem.settled(self.tensions, near)
 
     @cached_property
     def derivatives(self) -> tuple[Array, Array, csc_array]:
         """The gradient of the objective, the rows and the Jacobian of the rows."""
-        p = self.problem.parameters_at(self.x, self.problem.parameters(defect=self.defect))
-        return self.problem.program.evaluate(self.x, p)[1:]
+        p = self.instance.parameters_at(self.x, self.instance.parameters(defect=self.defect))
+        return self.instance.program.evaluate(self.x, p)[1:]
 
     def with_adjoint(self) -> NlpSolution:
         """Return the solution with multipliers of the equations from those of the design rows.
 
         Multipliers of states and dependents, which have no bounds, are zero.
         """
-        n, m = self.problem.program.n_decision, self.problem.program.n_design_rows
+        n, m = self.instance.program.n_decision, self.instance.program.n_design_rows
         gradient, _, J = self.derivatives
         lam_g = self.lam_g[:m]
         slope = gradient + J[:m].T @ lam_g
@@ -238,13 +238,13 @@ class NlpSolution(SolverResult):
         The largest of: a component of the Lagrangian's gradient; a violation of a row or a bound;
         the product of a multiplier and the distance to the bound. NaN counts as infinite.
         """
-        program = self.problem.program
+        program = self.instance.program
         n, m = program.n_decision, program.n_design_rows
         gradient, g, J = self.derivatives
         adjoint = self.with_adjoint()
         lam = np.append(adjoint.lam_x[:n], adjoint.lam_g[:m])
         stationarity = (gradient + J.T @ adjoint.lam_g + adjoint.lam_x)[:n]
-        lbx, ubx, lbg, ubg = self.problem.bounds
+        lbx, ubx, lbg, ubg = self.instance.bounds
         values = np.append(self.x[:n], g[:m])
         above = values - np.append(lbx[:n], lbg[:m])
         below = np.append(ubx[:n], ubg[:m]) - values
@@ -258,15 +258,15 @@ class NlpSolution(SolverResult):
 
     def result(self, trials: Sequence[Trial], **more: Any) -> Solution:
         """Return the solution of a search that ends here, after trials."""
-        problem = self.problem
-        program = problem.program
+        instance = self.instance
+        program = instance.program
         return Solution(
-            problem.options,
-            problem.arm.by_section(self.tensions),
+            instance.options,
+            instance.arm.by_section(self.tensions),
             tuple(self.lam_x[: program.n_decision].tolist()),
             tuple(self.lam_g[: program.n_design_rows].tolist()),
             tuple(trials),
-            base=problem.base_joints(self.x),
+            base=instance.base_joints(self.x),
             iterations=self.iterations,
             optimum=None if self.defect is None else self,
             **more,

@@ -70,7 +70,7 @@ from octoplan.model.loads import is_coupled
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.multistart import solve_from_guess
 from octoplan.planner.targets import Target, TipPose, TipPosition
@@ -190,8 +190,8 @@ def _solve_from_random(
 ) -> list[NlpSolution]:
     """Return the solutions from random starts of a plan's problem, on the mesh of the search."""
     limits = result.problem.limits
-    task = PlanningProblem(ARM, result.targets, scene, limits, options, result.problem.accuracy)
-    coarse = Problem(task, task.coarse(result.mode))
+    problem = PlanningProblem(ARM, result.targets, scene, limits, options, result.problem.accuracy)
+    coarse = ProgramInstance(problem, problem.coarse(result.mode))
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     guesses = (rng.uniform() * rng.uniform(size=12) * scale for _ in range(count))
     tried = (solve_from_guess(coarse, T) for T in guesses)

@@ -32,7 +32,7 @@ from octoplan.model.paths import Array
 from octoplan.model.stiffness import tip_jacobian
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solve.multistart import solve_from_guess
 from octoplan.planner.solve.search import Search
 from octoplan.planner.targets import TipPosition
@@ -54,8 +54,8 @@ Solver = Callable[[Search, Array, Array], Array | None]
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
     """Return the solution of the planner's program (n_tendons,) [N], or None if not converged."""
-    options = search.task.coarse("exact").replace(refinement=_REFINEMENT)
-    candidate = solve_from_guess(Problem(search.task, options), guess)
+    options = search.problem.coarse("exact").replace(refinement=_REFINEMENT)
+    candidate = solve_from_guess(ProgramInstance(search.problem, options), guess)
     return candidate.tensions if candidate.converged else None
 
 
@@ -63,8 +63,8 @@ def by_tensions(method: str) -> Solver:
     """Return a solver of the program in the tensions alone, with a method of SciPy's minimize."""
 
     def solver(search: Search, tip: Array, guess: Array) -> Array | None:
-        arm = search.task.arm
-        scene = search.task.scene
+        arm = search.problem.arm
+        scene = search.problem.scene
 
         def gap(T: Array) -> Array:
             return np.asarray(settle(arm, np.clip(T, 0, MAXIMUM), scene, _ACCURACY).tip - tip)
@@ -97,8 +97,8 @@ SOLVERS: dict[str, Solver] = {
 
 def run_solver(solver: Solver, search: Search, tip: Array, guess: Array) -> tuple[float, float]:
     """Run a solver; return the effort [N], infinite if the tip is missed, and the time [s]."""
-    arm = search.task.arm
-    scene = search.task.scene
+    arm = search.problem.arm
+    scene = search.problem.scene
     begin = time.process_time()
     try:
         T = solver(search, tip, guess)

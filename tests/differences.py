@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from octoplan.planner.problem import Problem
 from octoplan.planner.program import Program
+from octoplan.planner.program_instance import ProgramInstance
 from tests.oracles import Array
 
 
@@ -41,7 +41,7 @@ class Twice(NamedTuple):
     second: Callable[[Array, float, Array], Array]
 
 
-def whole(problem: Problem, p: Array) -> Twice:
+def whole(problem: ProgramInstance, p: Array) -> Twice:
     """Return the program with the states among its unknowns."""
 
     of = problem.program

@@ -18,7 +18,7 @@ from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.block import Constraints
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solution import STABILITY_TOLERANCE, NlpSolution, Solution, Trial
 from octoplan.planner.solve.refine import SAFETY_FACTOR, polish, refine
 
@@ -29,7 +29,7 @@ _LEAST_STEP = 1 / 64
 
 
 def warm_start(
-    near: Plan, task: PlanningProblem, avoidance: Constraints | None = None
+    near: Plan, problem: PlanningProblem, avoidance: Constraints | None = None
 ) -> Solution | None:
     """Return the optimum to which the optimum of a plan continues, or None.
 
@@ -37,16 +37,16 @@ def warm_start(
     tensions only. None as well if the plan does not reach its targets, if the continuation fails,
     or if its optimum is less stable than the margin.
     """
-    task = task.at_base(near.solution.base)
-    arm, limits, margin = task.arm, task.limits, task.options.margin
-    before, after = near.problem.target_set, task.target_set
+    problem = problem.at_base(near.solution.base)
+    arm, limits, margin = problem.arm, problem.limits, problem.options.margin
+    before, after = near.problem.target_set, problem.target_set
     is_alike = (
         near.problem.options.mode == "exact"
-        and near.problem.options.norm == task.options.norm
+        and near.problem.options.norm == problem.options.norm
         and near.problem.options.margin == margin
         and replace(near.problem.limits, lower=limits.lower) == limits
         and near.solution.avoidance == avoidance
-        and near.placed.placement == task.placement
+        and near.placed.placement == problem.placement
         and before.stations == after.stations
         and before.terms == after.terms
         and before.tendons == after.tendons
@@ -54,12 +54,12 @@ def warm_start(
     if not is_alike:
         return None
     try:
-        continued = _continued(near, task, avoidance)
+        continued = _continued(near, problem, avoidance)
         if continued is None:
             return None
         optimum, apart = continued
         fine = refine(optimum)
-        if fine is None or not fine.problem.is_stable(
+        if fine is None or not fine.instance.is_stable(
             fine.x, margin and margin - STABILITY_TOLERANCE / SAFETY_FACTOR
         ):
             return None
@@ -83,26 +83,26 @@ def jump(before: Array, after: Array, *others: Array) -> float:
 
 
 def _continued(
-    near: Plan, task: PlanningProblem, avoidance: Constraints | None
+    near: Plan, problem: PlanningProblem, avoidance: Constraints | None
 ) -> tuple[NlpSolution, float] | None:
     """Return the continued optimum and its jump, by steps in parameters and smallest tensions.
 
     The defect is that of the plan. The jump is 0 if the tensions change continuously. None if a
     step fails.
     """
-    blocks = avoidance.blocks(task.arm) if avoidance else ()
+    blocks = avoidance.blocks(problem.arm) if avoidance else ()
     origin = near.optimum
-    n = task.arm.n_tendons
+    n = problem.arm.n_tendons
     if origin is None:
         return None
     # The clamp of a moving base is a parameter: both problems have the same one.
-    at_origin = task.at_base(origin.problem.task.base_joints)
-    problem = Problem(at_origin, near.problem.options, blocks)
-    begin = current = replace(origin.with_adjoint(), problem=problem)
-    first, last = (of.parameters(defect=origin.defect) for of in (origin.problem, problem))
-    lbx, ubx, lbg, ubg = problem.bounds
+    at_origin = problem.at_base(origin.instance.problem.base_joints)
+    instance = ProgramInstance(at_origin, near.problem.options, blocks)
+    begin = current = replace(origin.with_adjoint(), instance=instance)
+    first, last = (of.parameters(defect=origin.defect) for of in (origin.instance, instance))
+    lbx, ubx, lbg, ubg = instance.bounds
     rise = np.zeros(lbx.size)
-    rise[:n] = (np.array(problem.limits.lower) - near.problem.limits.lower) / problem.unit
+    rise[:n] = (np.array(instance.limits.lower) - near.problem.limits.lower) / instance.unit
     fraction, step, left = 0.0, 1.0, False
     while fraction < 1:
         check_time()

@@ -117,11 +117,11 @@ def plan_many(
             if errors == "raise":
                 raise reason from None
             accuracy = others.get("accuracy", 1e-6)
-            task = PlanningProblem(arm, as_targets(given), scene, limits, NlpOptions(), accuracy)
+            problem = PlanningProblem(arm, as_targets(given), scene, limits, NlpOptions(), accuracy)
             T = arm.by_section(np.full(arm.n_tendons, np.nan))
             nothing = Solution(NlpOptions(), T, (), (), ())
             kind_of = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
-            plans.append(FailedPlan.of(task, nothing, reason=f"{kind_of}{reason}"))
+            plans.append(FailedPlan.of(problem, nothing, reason=f"{kind_of}{reason}"))
     return plans
 
 

@@ -25,7 +25,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.progress import check_time
 from octoplan.planner.limits import NATURAL_RANGE, TendonLimits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.problem import factorised, tension_scales
+from octoplan.planner.program_instance import factorised, tension_scales
 from octoplan.planner.solution import NlpSolution
 from octoplan.planner.targets.target_set import TargetSet, residual_function
 
@@ -71,7 +71,7 @@ _UNSEEN = 1e-6
 
 
 def initial_guesses(
-    task: PlanningProblem, loaded: bool = False, missed: bool = False
+    problem: PlanningProblem, loaded: bool = False, missed: bool = False
 ) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted, drawn, and of the straight arm.
 
@@ -80,18 +80,18 @@ def initial_guesses(
     Fits are sorted by effort and distance, or by distance alone if targets are `missed`. Draws are
     sorted as in `drawn_arms`. For an arm that is `loaded`, some draws are repeated with more pull.
     """
-    if task.placement is not None:
-        yield from task.placement.guesses(task, missed)
+    if problem.placement is not None:
+        yield from problem.placement.guesses(problem, missed)
         return
-    limits, count = task.allowed, task.target_set.conditions
+    limits, count = problem.allowed, problem.target_set.conditions
     # Small tensions in all tendons, inside of the limits.
-    straight = np.clip(5e-3 * tension_scales(task.arm, limits), limits.lower, limits.upper)
+    straight = np.clip(5e-3 * tension_scales(problem.arm, limits), limits.lower, limits.upper)
     if count > POINT:
-        yield from fitted(task, 0.0 if missed else _EFFORT)
+        yield from fitted(problem, 0.0 if missed else _EFFORT)
     # A bend in a plane has solutions with further turns. The straight arm leads to the cheapest.
     if count < POINT:
         yield straight
-    for k, T in enumerate(drawn_arms(task)):
+    for k, T in enumerate(drawn_arms(problem)):
         yield T
         if k == _FIRST and count >= POINT:
             yield straight
@@ -107,16 +107,16 @@ def beside(near: NlpSolution) -> Iterator[Array]:
     The steps are right singular vectors of the derivative of the equalities by the tensions, sorted
     by increasing singular value. Directions that do not change the equalities are omitted.
     """
-    problem = near.problem
-    arm, limits, n = problem.arm, problem.limits, problem.arm.n_tendons
+    instance = near.instance
+    arm, limits, n = instance.arm, instance.limits, instance.arm.n_tendons
     span = NATURAL_RANGE * natural_tensions(arm)
     J = near.derivatives[2].tocsc()
-    program = problem.program
+    program = instance.program
     m, equalities, first = program.n_design_rows, program.equality_rows, program.states.start
     by_tensions = -factorised(J[m:, first:]).solve(J[m:, :n].toarray())
     target_rows = J.tocsr()[equalities].tocsc()
     seen = target_rows[:, :n].toarray() + target_rows[:, first:] @ by_tensions
-    _, values, directions = np.linalg.svd(seen * span / problem.unit, full_matrices=False)
+    _, values, directions = np.linalg.svd(seen * span / instance.unit, full_matrices=False)
     for value, direction in zip(values[::-1], directions[::-1], strict=True):
         if value > _UNSEEN * values[0]:
             for step in (_ASIDE, -_ASIDE):
@@ -125,20 +125,20 @@ def beside(near: NlpSolution) -> Iterator[Array]:
                 yield np.append(np.clip(T, limits.lower, limits.upper), joints)
 
 
-def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
+def drawn_arms(problem: PlanningProblem) -> Iterator[Array]:
     """Yield distinct draws, sorted by distance plus effort and by distance alone, in turn.
 
     Draws take little time, so that the time limit is not checked.
     """
-    targets = task.target_set
-    unit = tension_scales(task.arm, task.allowed)
+    targets = problem.target_set
+    unit = tension_scales(problem.arm, problem.allowed)
     drawn, poses, stretch = _drawn(
-        task.arm,
-        task.unloaded_scene,
-        task.allowed,
+        problem.arm,
+        problem.unloaded_scene,
+        problem.allowed,
         targets.tendons,
         targets.stations,
-        task.machine_code,
+        problem.machine_code,
     )
     distance = np.linalg.norm(_residuals(targets, poses, stretch), axis=1)
     # 0.2 is the weight of a unit of tension beside the distance.
@@ -170,16 +170,16 @@ def _drawn(
     return tensions, poses, stretch
 
 
-def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
+def fitted(problem: PlanningProblem, effort: float) -> Iterator[Array]:
     """Yield tensions (n_tendons,) fitted to targets and to little effort, the best fits first.
 
     `effort` is the weight of the effort beside residuals. With extension, the squeeze of each
     section (the common tension of its tendons) is fitted as well as the bends.
     """
-    bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
-    unit, residuals = tension_scales(task.arm, task.allowed).max(), residuals_of(task)
+    bends = BendCoordinates(problem.arm, problem.target_set.tendons, problem.allowed)
+    unit, residuals = tension_scales(problem.arm, problem.allowed).max(), residuals_of(problem)
     # For soft residuals, a near miss with less effort is no better guess.
-    weight = 0.0 if task.target_set.terms.names[1] else effort
+    weight = 0.0 if problem.target_set.terms.names[1] else effort
 
     def gaps(points: Array) -> Array:
         T = bends.tensions(points)
@@ -188,7 +188,7 @@ def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
     points = bends.draw(_TO_FIT)
     off = np.linalg.norm(residuals(bends.tensions(points)), axis=1)
     points = points[np.argsort(off, kind="stable")[:_FITTED]]
-    if task.scene.has(Extension):
+    if problem.scene.has(Extension):
         points = np.hstack([points, np.full((len(points), bends.width // 2), _SQUEEZED)])
     points, r = least_squares(gaps, points)
     best = np.argsort(np.linalg.norm(r, axis=1), kind="stable")[: _FITTED // 3]
@@ -248,16 +248,16 @@ def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]
     return values[:, 0].copy(), (values[:, 1:] - values[:, :1]) / difference
 
 
-def residuals_of(task: PlanningProblem) -> Callable[..., Array]:
+def residuals_of(problem: PlanningProblem) -> Callable[..., Array]:
     """Return the function of tensions (m, n_tendons) [N] -> residuals (m, k), without loads.
 
     The residuals of the targets, the violations of inequalities, and last the collapse of the body.
     Compliances have the wanted values, so that targets of stiffness have no residual. The optional
     argument `moved` is a function of poses (m, K, 7) that moves the base.
     """
-    targets = task.target_set
+    targets = problem.target_set
     at = targets.stations
-    forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 1, at, task.machine_code)
+    forward = ClosedForm(problem.arm, problem.unloaded_scene, MAGNUS4, 1, at, problem.machine_code)
     nodes = [forward.mesh.node(s) for s in at]
 
     def residuals(tensions: Array, moved: Callable[[Array], Array] | None = None) -> Array:
@@ -276,12 +276,12 @@ def _residuals(targets: TargetSet, poses: Array, stretch: Array) -> Array:
     return np.where(np.isfinite(gaps), gaps, np.nan)
 
 
-def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
+def many_places(problem: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     """Return positions (m, K, 3) under tensions (m, n_tendons) without loads, and arc lengths (K,).
 
     The positions are those of the nodes beyond the base.
     """
-    forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 4, (), task.machine_code)
+    forward = ClosedForm(problem.arm, problem.unloaded_scene, MAGNUS4, 4, (), problem.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.elements + 1))
     return poses[..., 4:], forward.mesh.s[1:]
 

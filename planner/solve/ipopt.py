@@ -26,8 +26,8 @@ from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.planning_problem import Mode
-from octoplan.planner.problem import Bounds, Problem
 from octoplan.planner.program import Nlp, Program
+from octoplan.planner.program_instance import Bounds, ProgramInstance
 from octoplan.planner.solution import NlpSolution, SolverResult
 
 LOG = logging.getLogger(__name__)
@@ -251,7 +251,7 @@ def solver(
 
 
 def solve(
-    problem: Problem,
+    instance: ProgramInstance,
     x: Array,
     p: Array,
     bounds: Bounds | None = None,
@@ -262,7 +262,7 @@ def solve(
 
     Parameters
     ----------
-    problem : Problem
+    instance : ProgramInstance
     x, p : (n_x,), (n_p,)
         Unknowns and parameters.
     bounds : Bounds
@@ -271,8 +271,8 @@ def solve(
         Multipliers for a warm start; the purpose is not a search then.
     purpose : str
     """
-    lbx, ubx, lbg, ubg = bounds or problem.bounds
-    equality_rows = problem.program.equality_rows
+    lbx, ubx, lbg, ubg = bounds or instance.bounds
+    equality_rows = instance.program.equality_rows
     n, none = x.size, np.zeros(equality_rows.size)
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
     epsilon = relaxation(purpose)
@@ -280,9 +280,9 @@ def solve(
     unbounded = np.full(none.size, np.inf)
     relaxed_bounds = np.append(lbx, -unbounded), np.append(ubx, unbounded), lbg, ubg
     result = run_solver(
-        solver(problem.program, purpose, problem.options.mode, LOG.isEnabledFor(logging.DEBUG)),
+        solver(instance.program, purpose, instance.options.mode, LOG.isEnabledFor(logging.DEBUG)),
         np.append(x, e_0),
-        np.append(problem.parameters_at(x, p), e_0),
+        np.append(instance.parameters_at(x, p), e_0),
         relaxed_bounds,
         (np.append(lam_x, none), lam_g),
         _CONVERGED | _TO_ROUNDING if purpose == "polish" else _CONVERGED,
@@ -296,7 +296,7 @@ def solve(
         result.f - float(e @ e) / 2,
         result.converged and residual <= EQUALITY_TOL,
         result.iterations,
-        problem=problem,
+        instance=instance,
     )
 
 

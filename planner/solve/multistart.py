@@ -21,7 +21,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.block import Block
 from octoplan.planner.planning_problem import Mode, PlanningProblem
-from octoplan.planner.problem import SEARCH_WEIGHT, Problem
+from octoplan.planner.program_instance import SEARCH_WEIGHT, ProgramInstance
 from octoplan.planner.solution import NlpSolution, Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import POINT
 from octoplan.planner.solve.ipopt import Purpose, solve
@@ -48,7 +48,7 @@ _PHASES: dict[Mode, str] = {
 
 
 def solve_from_guess(
-    problem: Problem,
+    instance: ProgramInstance,
     controls: Array,
     defect: Array | None = None,
     known: Sequence[NlpSolution] = (),
@@ -58,20 +58,20 @@ def solve_from_guess(
     If loads act before tensions, descend from the last stable shape on the way to the tensions.
     `known` are optima from other guesses, whose shapes the arm takes.
     """
-    tensions, joints = np.split(controls, [problem.arm.n_tendons])
-    task = problem.task.at_base(tuple(joints.tolist())) if joints.size else problem.task
-    forward = problem.forward_at(task.arm)
+    tensions, joints = np.split(controls, [instance.arm.n_tendons])
+    problem = instance.problem.at_base(tuple(joints.tolist())) if joints.size else instance.problem
+    forward = instance.forward_at(problem.arm)
     if forward.loads_first:
         from octoplan.planner.solve.stable_descent import descend_from_guess
 
-        solution = descend_from_guess(problem, forward, tensions, defect, known)
+        solution = descend_from_guess(instance, forward, tensions, defect, known)
         if solution is not None:
             return solution
     # Least squares do not converge from an arm far from the equilibrium under the weight.
-    is_least_squares = problem.options.mode != "exact"
-    x = problem.guess(controls, settled=is_least_squares)
+    is_least_squares = instance.options.mode != "exact"
+    x = instance.guess(controls, settled=is_least_squares)
     purpose: Purpose = "search" if defect is None else "meet"
-    solution = solve(problem, x, problem.parameters(SEARCH_WEIGHT, defect), purpose=purpose)
+    solution = solve(instance, x, instance.parameters(SEARCH_WEIGHT, defect), purpose=purpose)
     check_time()
     return solution
 
@@ -82,7 +82,7 @@ class Multistart:
 
     Attributes
     ----------
-    task : PlanningProblem
+    problem : PlanningProblem
     mode : "exact", "closest" or "nearest"
     guesses : iterator of (n_tendons,)
         Initial tensions [N], and base joints if any, that were not yet solved from.
@@ -107,7 +107,7 @@ class Multistart:
         The refined optimum of the result.
     """
 
-    task: PlanningProblem
+    problem: PlanningProblem
     mode: Mode
     guesses: Iterator[Array] = field(default_factory=lambda: iter(()))
     blocks: tuple[Block, ...] = ()
@@ -119,7 +119,7 @@ class Multistart:
     last: NlpSolution | None = None
     corrected: NlpSolution | None = None
     refined: NlpSolution | None = None
-    _coarse: Problem | None = field(default=None, init=False, repr=False)
+    _coarse: ProgramInstance | None = field(default=None, init=False, repr=False)
 
     @property
     def optima(self) -> list[NlpSolution]:
@@ -150,16 +150,16 @@ class Multistart:
         until_equal : bool
             Whether to end after enough equal optima, see `is_done`.
         """
-        problem, defect = self._problem(), None
+        instance, defect = self._instance(), None
         if self.corrected is not None:
-            problem, defect = self.corrected.problem, self.corrected.defect
+            instance, defect = self.corrected.instance, self.corrected.defect
         for T in islice(self.guesses, most):
-            if until_equal and self.is_done(problem.forward.loads_first):
+            if until_equal and self.is_done(instance.forward.loads_first):
                 return
             if until_met and self.some_optimum_meets:
                 return
-            report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
-            self._record(solve_from_guess(problem, T, defect, self.optima))
+            report(_PHASES[self.mode], len(self.trials), self.problem.max_guesses)
+            self._record(solve_from_guess(instance, T, defect, self.optima))
 
     def is_done(self, descends: bool = False) -> bool:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.
@@ -168,9 +168,9 @@ class Multistart:
         distance of a nearest shape does not depend on this order. If solves are descents, their
         number of steps is limited, too.
         """
-        if self.task.guesses is not None:
+        if self.problem.guesses is not None:
             return False
-        trials, mode, n_conditions = self.trials, self.mode, self.task.target_set.conditions
+        trials, mode, n_conditions = self.trials, self.mode, self.problem.target_set.conditions
         objectives = [trial.objective if trial.met else np.inf for trial in trials]
         best = min(objectives, default=np.inf)
         missed = mode == "nearest" or (mode == "closest" and best > NEARLY_MET)
@@ -195,7 +195,7 @@ class Multistart:
 
     def solve_from(self, T: Array) -> NlpSolution | None:
         """Return the optimum from tensions (n_tendons,) [N], with the required stability."""
-        return self._with_required_stability(solve_from_guess(self._problem(), T))
+        return self._with_required_stability(solve_from_guess(self._instance(), T))
 
     def resolve_with(self, optimum: NlpSolution) -> NlpSolution | None:
         """Return the optimum of the stage's blocks, from one for the same targets and other blocks.
@@ -203,24 +203,26 @@ class Multistart:
         The start is warm if both programs have the same unknowns; otherwise only the tensions are
         the guess.
         """
-        before = optimum.problem
-        problem = Problem(self.task, before.options, self.blocks)
-        if problem.program.size != optimum.x.size:
+        before = optimum.instance
+        instance = ProgramInstance(self.problem, before.options, self.blocks)
+        if instance.program.size != optimum.x.size:
             return self.solve_from(optimum.controls)
-        old, new = before.program.row_kinds, problem.program.row_kinds
+        old, new = before.program.row_kinds, instance.program.row_kinds
         lam_g = np.zeros(new.size)
         for kind in np.unique(old):
             if np.sum(old == kind) == np.sum(new == kind):
                 lam_g[new == kind] = optimum.lam_g[old == kind]
-        p, multipliers = problem.parameters(SEARCH_WEIGHT), (optimum.lam_x, lam_g)
-        solution = solve(problem, optimum.x, p, multipliers=multipliers, purpose="near")
+        p, multipliers = instance.parameters(SEARCH_WEIGHT), (optimum.lam_x, lam_g)
+        solution = solve(instance, optimum.x, p, multipliers=multipliers, purpose="near")
         check_time()
         return self._with_required_stability(solution)
 
-    def _problem(self) -> Problem:
+    def _instance(self) -> ProgramInstance:
         """Return the problem on the coarse mesh."""
-        if self._coarse is None or self._coarse.task is not self.task:
-            self._coarse = Problem(self.task, self.task.coarse(self.mode), self.blocks)
+        if self._coarse is None or self._coarse.problem is not self.problem:
+            self._coarse = ProgramInstance(
+                self.problem, self.problem.coarse(self.mode), self.blocks
+            )
         return self._coarse
 
     def _with_required_stability(self, solution: NlpSolution) -> NlpSolution | None:
@@ -241,10 +243,10 @@ class Multistart:
 
     def classify(self, optimum: NlpSolution) -> None:
         """Add a new optimum to the stable or the unstable ones."""
-        margin = self.task.options.margin
+        margin = self.problem.options.margin
         if not any(_is_same(optimum, other) for other in self.optima):
             tolerance = COARSE_RTOL * (margin > 0)
-            is_stable = optimum.problem.is_stable(optimum.x, margin - tolerance)
+            is_stable = optimum.instance.is_stable(optimum.x, margin - tolerance)
             (self.stable if is_stable else self.unstable).append(optimum)
 
     def reject(self) -> None:
@@ -253,7 +255,7 @@ class Multistart:
         Under strong loads the arm may take another shape under the tensions of an optimum. The
         tensions of the rejected optima are the next guesses.
         """
-        if not has_unique_equilibrium(self.task.arm, self.task.scene):
+        if not has_unique_equilibrium(self.problem.arm, self.problem.scene):
             self.guesses = chain([optimum.controls for optimum in self.stable], self.guesses)
         self.rejected = [*self.rejected, *self.stable]
         self.stable = []
@@ -289,7 +291,7 @@ class Multistart:
         Under strong loads the arm may have several shapes under the tensions of an optimum, and
         take another one. The arm more often takes shapes with more stability.
         """
-        if has_unique_equilibrium(self.task.arm, self.task.scene):
+        if has_unique_equilibrium(self.problem.arm, self.problem.scene):
             return None
         from octoplan.planner.solve.stable_descent import STABILITY_FLOORS
 
@@ -314,7 +316,7 @@ class Multistart:
         from octoplan.planner.solve.stable_descent import enforce_margin
 
         yield optimum.f, None
-        bound = max(self.task.options.stability_bound, floor)
+        bound = max(self.problem.options.stability_bound, floor)
         near = enforce_margin(optimum, bound)
         if near is None:
             self.below_margin.append(optimum)

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import SuperLU
 
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.paths import Array
-from octoplan.planner.problem import Problem, factorised
+from octoplan.planner.program_instance import ProgramInstance, factorised
 
 # Curvature along equalities, over the norm of the Hessian: rows determine these directions [-].
 _CURVATURE_ALONG_ROWS = 10.0
@@ -36,7 +36,7 @@ class ReducedProgram:
 
     Attributes
     ----------
-    problem : Problem
+    instance : ProgramInstance
     equilibrium : Equilibrium
         An equilibrium on the mesh of the problem.
     x, p : (n_x,), (n_p,)
@@ -47,12 +47,12 @@ class ReducedProgram:
         Design rows.
     """
 
-    def __init__(self, problem: Problem, equilibrium: Equilibrium, p: Array) -> None:
-        program = problem.program
-        self.problem = problem
+    def __init__(self, instance: ProgramInstance, equilibrium: Equilibrium, p: Array) -> None:
+        program = instance.program
+        self.instance = instance
         self.equilibrium = equilibrium
-        self.x = problem.complete(equilibrium.tensions, equilibrium.states)
-        self.p = problem.parameters_at(self.x, p)
+        self.x = instance.complete(equilibrium.tensions, equilibrium.states)
+        self.p = instance.parameters_at(self.x, p)
         f, self._gradient, g, self._jacobian = program.evaluate(self.x, self.p)
         self.f = float(f[0])
         self.rows = g[: program.n_design_rows]
@@ -60,13 +60,13 @@ class ReducedProgram:
     @cached_property
     def _factors(self) -> SuperLU:
         """The factors of the derivatives of the equations by states and dependents."""
-        m, n = self.rows.size, self.problem.program.n_decision
+        m, n = self.rows.size, self.instance.program.n_decision
         return factorised(self._jacobian[m:].tocsc()[:, n + 1 :])
 
     @cached_property
     def _basis(self) -> Array:
         """The derivatives of all unknowns by tensions and decisions (n_x, n)."""
-        m, n = self.rows.size, self.problem.program.n_decision
+        m, n = self.rows.size, self.instance.program.n_decision
         by_decisions = -self._factors.solve(self._jacobian[m:, :n].toarray())
         return np.vstack([np.eye(n), np.zeros((1, n)), by_decisions])
 
@@ -82,13 +82,13 @@ class ReducedProgram:
 
     def along(self, d: Array) -> Array:
         """Return the derivative of the states (n_states,) along a step d (n,)."""
-        states = self.problem.program.states
-        return np.asarray(self._basis[states] @ d * self.problem.scale[states])
+        states = self.instance.program.states
+        return np.asarray(self._basis[states] @ d * self.instance.scale[states])
 
     @property
     def row_bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the design rows."""
-        _, _, lower, upper = self.problem.bounds
+        _, _, lower, upper = self.instance.bounds
         return lower[: self.rows.size], upper[: self.rows.size]
 
     def multipliers(self, lam: Array) -> Array:
@@ -98,7 +98,7 @@ class ReducedProgram:
 
     def curvature(self, lam: Array) -> Array:
         """Return the Hessian of the Lagrangian along the equilibria (n, n)."""
-        H = self.problem.program.hessian(self.x, self.p, self.multipliers(lam))
+        H = self.instance.program.hessian(self.x, self.p, self.multipliers(lam))
         return np.asarray(self._basis.T @ (H @ self._basis))
 
     def hessian(self, lam: Array) -> Array:
@@ -127,10 +127,10 @@ class ReducedProgram:
 
     def box(self, width: float) -> tuple[Array, Array]:
         """Return the bounds (n,) of a step; tensions and base joints change by `width` at most."""
-        lbx, ubx, _, _ = self.problem.bounds
-        n = self.problem.program.n_decision
+        lbx, ubx, _, _ = self.instance.bounds
+        n = self.instance.program.n_decision
         low, high = lbx[:n] - self.x[:n], ubx[:n] - self.x[:n]
-        controls = self.problem.controls
+        controls = self.instance.controls
         low[controls] = np.maximum(low[controls], -width)
         high[controls] = np.minimum(high[controls], width)
         return np.minimum(low, 0.0), np.maximum(high, 0.0)

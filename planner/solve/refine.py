@@ -26,7 +26,7 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, OctoplanError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.problem import Bounds, Problem
+from octoplan.planner.program_instance import Bounds, ProgramInstance
 from octoplan.planner.solution import KKT_TOLERANCE, NlpSolution
 from octoplan.planner.solve.ipopt import OBJECTIVE_SCALE, solve
 
@@ -60,9 +60,9 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
     The measurements agree to a third of the accuracy. Return None if the program does not converge
     on the way, if the arm settles to another shape from rest, or if the arm buckles.
     """
-    task, last, before = optimum.problem.task, None, np.inf
-    shape = _shape_on_mesh(optimum) if optimum.problem.forward.loads_first else None
-    tolerance = max(min(task.accuracy, COARSEST_ACCURACY) / SAFETY_FACTOR, FINEST_ACCURACY)
+    problem, last, before = optimum.instance.problem, None, np.inf
+    shape = _shape_on_mesh(optimum) if optimum.instance.forward.loads_first else None
+    tolerance = max(min(problem.accuracy, COARSEST_ACCURACY) / SAFETY_FACTOR, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
             check_time()
@@ -70,10 +70,10 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
             if corrected is None:
                 return None
             if change <= tolerance:
-                last, problem = corrected, corrected.problem
+                last, instance = corrected, corrected.instance
                 # The defect enters the gradient of least squares, and of stiffnesses.
-                has_objective = problem.target_set.terms.names[3]
-                is_effort = problem.options.mode == "exact" and not has_objective
+                has_objective = instance.target_set.terms.names[3]
+                is_effort = instance.options.mode == "exact" and not has_objective
                 remaining = _effort_change(corrected) if is_effort else corrected.residual
                 # Rounding errors keep the change from falling.
                 stagnates = is_effort and remaining > before / 2
@@ -95,27 +95,27 @@ def _shape_on_mesh(optimum: NlpSolution) -> Shape:
     Descents end at shapes that the arm takes, so that the arm settles near them: paths from rest
     are long. The end of the refinement settles the arm from rest.
     """
+    instance = optimum.instance
     problem = optimum.problem
-    task = optimum.task
-    point = problem.linearised(optimum.x)
-    return Shape(task.arm, task.scene, np.inf, point, problem.options.refinement)
+    point = instance.linearised(optimum.x)
+    return Shape(problem.arm, problem.scene, np.inf, point, instance.options.refinement)
 
 
 def _is_held(optimum: NlpSolution, tolerance: float) -> bool:
     """Return whether the arm takes the shape of a refined optimum from rest."""
-    problem = optimum.problem
-    if has_unique_equilibrium(problem.arm, problem.scene):
+    instance = optimum.instance
+    if has_unique_equilibrium(instance.arm, instance.scene):
         return True
-    error = defect(problem, optimum.x, optimum.settled())
+    error = defect(instance, optimum.x, optimum.settled())
     before = 0.0 if optimum.defect is None else optimum.defect
-    return _defect_size(problem, error - before) <= tolerance
+    return _defect_size(instance, error - before) <= tolerance
 
 
 def _effort_change(optimum: NlpSolution) -> float:
     """Return the relative change of the effort that satisfies all rows, from the multipliers."""
-    m = optimum.problem.program.n_design_rows
+    m = optimum.instance.program.n_design_rows
     g, lam = optimum.derivatives[1][:m], optimum.lam_g[:m]
-    _, _, low, high = optimum.problem.bounds
+    _, _, low, high = optimum.instance.bounds
     violation = np.where(lam > 0, g - high[:m], g - low[:m])
     change = float(np.abs(lam[lam != 0] @ violation[lam != 0]))
     return change / max(optimum.f, np.finfo(float).tiny)
@@ -132,33 +132,33 @@ def _corrected(
     mesh, and an infinite change. Return None for the optimum if the arm has another shape, or if no
     finer mesh exists.
     """
-    problem, before = optimum.problem, optimum.defect
+    instance, before = optimum.instance, optimum.defect
     try:
         shape = optimum.settled(near)
     except CollapsedError as collapse:
-        error = collapse_defect(problem, optimum.x, collapse)
+        error = collapse_defect(instance, optimum.x, collapse)
         return replace(optimum, defect=error), np.inf, near
-    error = defect(problem, optimum.x, shape)
-    size = _defect_size(problem, error, reducible=True)
-    change = np.inf if before is None else _defect_size(problem, error - before)
+    error = defect(instance, optimum.x, shape)
+    size = _defect_size(instance, error, reducible=True)
+    change = np.inf if before is None else _defect_size(instance, error - before)
     if size <= _REFINE_ABOVE or change <= tolerance:
         return replace(optimum, defect=error), change, shape
-    order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.options.refinement
+    order, mesh = convergence_order(instance.scene, 2 * STAGES), instance.options.refinement
     finer = next_refinement(mesh, size, _REFINE_ABOVE, order) if size <= _OTHER_SHAPE else None
     if not finer:
         return None, np.inf, shape
-    on_finer = on_mesh(optimum, problem.replace(refinement=finer), shape)
+    on_finer = on_mesh(optimum, instance.replace(refinement=finer), shape)
     return on_finer.with_adjoint(), np.inf, shape
 
 
-def on_mesh(optimum: NlpSolution, problem: Problem, shape: Shape) -> NlpSolution:
+def on_mesh(optimum: NlpSolution, instance: ProgramInstance, shape: Shape) -> NlpSolution:
     """Return an optimum at the equilibrium of a settled shape on the mesh of a problem.
 
     The optimum has the defect of the shape. Raise the errors of `settle`.
     """
     T = shape.tensions
-    x = problem.complete(T, problem.forward_at(shape.arm).solve(T, shape.collocated).states)
-    return replace(optimum, problem=problem, x=x, defect=defect(problem, x, shape))
+    x = instance.complete(T, instance.forward_at(shape.arm).solve(T, shape.collocated).states)
+    return replace(optimum, instance=instance, x=x, defect=defect(instance, x, shape))
 
 
 def polish(
@@ -185,9 +185,9 @@ def polish(
     warm : bool
         Whether to start warm even if all tensions are released.
     """
-    problem, first = optimum.problem, optimum
-    p = problem.parameters(defect=optimum.defect) if p is None else p
-    n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
+    instance, first = optimum.instance, optimum
+    p = instance.parameters(defect=optimum.defect) if p is None else p
+    n, (lbx, ubx, lbg, ubg) = instance.arm.n_tendons, bounds or instance.bounds
     x, force = optimum.x[:n], optimum.lam_x[:n] * OBJECTIVE_SCALE
     at_low, at_high = x - lbx[:n] < -force, ubx[:n] - x < force
     is_fixed = lbx[:n] == ubx[:n]
@@ -196,16 +196,16 @@ def polish(
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
         multipliers, guess = (optimum.lam_x, optimum.lam_g), np.clip(optimum.x, low, high)
-        trial = solve(problem, guess, p, (low, high, lbg, ubg), multipliers, "polish")
+        trial = solve(instance, guess, p, (low, high, lbg, ubg), multipliers, "polish")
         if not trial.converged:
             at_low[:] = at_high[:] = False
             again = (multipliers, "near") if warm else (None, "search")
-            trial = solve(problem, optimum.x, p, (lbx, ubx, lbg, ubg), *again)
+            trial = solve(instance, optimum.x, p, (lbx, ubx, lbg, ubg), *again)
         if not trial.converged:
             return trial if optimum is first else optimum
         # ipopt returns no multipliers of fixed unknowns.
-        at = problem.parameters_at(trial.x, p)
-        _, gradient, _, J = problem.program.evaluate(trial.x, at)
+        at = instance.parameters_at(trial.x, p)
+        _, gradient, _, J = instance.program.evaluate(trial.x, at)
         slope, lam_x = gradient + J.T @ trial.lam_g, trial.lam_x.copy()
         lam_x[:n] = np.where(at_low | at_high | is_fixed, -slope[:n], lam_x[:n])
         optimum = replace(
@@ -222,41 +222,41 @@ def polish(
     return optimum
 
 
-def defect(problem: Problem, x: Array, shape: Shape) -> Array:
+def defect(instance: ProgramInstance, x: Array, shape: Shape) -> Array:
     """Return the measurements of a shape minus the measurements at x, see Program.measure."""
-    program, on_mesh = problem.program, problem.measured(x)
+    program, on_mesh = instance.program, instance.measured(x)
     coarse = on_mesh[program.poses].reshape(-1, 7)
     poses = shape.poses(np.array([s for s, _ in program.structure.stations]))
     # q and -q are the same rotation.
     opposite = (poses * coarse)[:, :4].sum(axis=1) < 0
     poses[opposite, :4] *= -1
     measured = [poses.ravel()]
-    for block, place in zip(problem.blocks, program.measured, strict=True):
+    for block, place in zip(instance.blocks, program.measured, strict=True):
         measured.append(block.measure_shape(shape, on_mesh[place]))
     return np.asarray(np.concatenate(measured) - on_mesh)
 
 
 def collapse_defect(
-    problem: Problem, x: Array, collapse: CollapsedError, before: Array | float = 0.0
+    instance: ProgramInstance, x: Array, collapse: CollapsedError, before: Array | float = 0.0
 ) -> Array:
     """Return the defect `before` with the stretch of a cross-section that collapsed."""
-    program, on_mesh = problem.program, problem.measured(x)
+    program, on_mesh = instance.program, instance.measured(x)
     corrected = before + np.zeros(on_mesh.size)
-    place = program.measured[problem.blocks.index(problem.stretch)]
-    nearest = place.start + int(np.abs(np.array(problem.stretch.s) - collapse.s).argmin())
+    place = program.measured[instance.blocks.index(instance.stretch)]
+    nearest = place.start + int(np.abs(np.array(instance.stretch.s) - collapse.s).argmin())
     corrected[nearest] = collapse.stretch - on_mesh[nearest]
     return corrected
 
 
-def _defect_size(problem: Problem, defect: Array, reducible: bool = False) -> float:
+def _defect_size(instance: ProgramInstance, defect: Array, reducible: bool = False) -> float:
     """Return the largest component of a defect, lengths over L, angles in rad.
 
     With `reducible`, only components that a finer mesh of the program reduces count.
     """
-    arm, program = problem.arm, problem.program
+    arm, program = instance.arm, instance.program
     pose = np.repeat([0.5, arm.length], [4, 3])  # quaternions change by half the angle
     scales = [np.tile(pose, program.poses.stop // pose.size)]
-    for block in problem.blocks:
+    for block in instance.blocks:
         counts = block.mesh_reduces_defect or not reducible
         scales.append(block.measurement_scales(arm) * (1.0 if counts else np.inf))
     return float(np.abs(defect / np.concatenate(scales)).max(initial=0.0))

@@ -24,7 +24,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.limits import TendonLimits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.problem import SEARCH_WEIGHT, Problem, tension_scales
+from octoplan.planner.program_instance import SEARCH_WEIGHT, ProgramInstance, tension_scales
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
 from octoplan.planner.targets.target_set import EQUALITY, INEQUALITY
 
@@ -70,17 +70,17 @@ class Samples:
 
     Attributes
     ----------
-    task : PlanningProblem
-        The task, with the mesh on which the nearest samples are accurate.
+    problem : PlanningProblem
+        The problem, with the mesh on which the nearest samples are accurate.
     count : int
         Number of sampled shapes, including samples that do not settle.
     points : list of Equilibrium
-        The nearest to the targets first, on the mesh of the task.
+        The nearest to the targets first, on the mesh of the problem.
     objective : (m,)
         Objective of the nearest shape: the targets' own measure of the distance.
     """
 
-    task: PlanningProblem
+    problem: PlanningProblem
     count: int
     points: list[Equilibrium]
     objective: Array
@@ -89,117 +89,121 @@ class Samples:
     def tensions(self) -> Array:
         """The tensions (m, n_tendons), the nearest to the targets first [N]."""
         rows = [point.tensions for point in self.points]
-        return np.array(rows).reshape(-1, self.task.arm.n_tendons)
+        return np.array(rows).reshape(-1, self.problem.arm.n_tendons)
 
     def distinct(self) -> Iterator[Equilibrium]:
         """Yield equilibria whose tensions differ, the nearest to the targets first."""
         tensions = self.tensions
-        unit = tension_scales(self.task.arm, self.task.allowed)
+        unit = tension_scales(self.problem.arm, self.problem.allowed)
         for T in distinct(tensions, unit, FAR_APART):
             yield self.points[int((tensions == T).all(axis=1).argmax())]
 
 
-def sample(task: PlanningProblem, n_nearest: int) -> Samples:
+def sample(problem: PlanningProblem, n_nearest: int) -> Samples:
     """Return sampled shapes, on a mesh that is fine enough for the `n_nearest` nearest samples."""
     while True:
-        samples = _settled(task)
+        samples = _settled(problem)
         nearest = [*islice(samples.distinct(), n_nearest)]
-        on_finer = _finer(task, nearest)
-        if on_finer is task:
+        on_finer = _finer(problem, nearest)
+        if on_finer is problem:
             return samples
-        task = on_finer
+        problem = on_finer
 
 
-def fine_enough(task: PlanningProblem, tensions: Array) -> PlanningProblem:
-    """Return the task on a mesh that is accurate for most of the tensions (m, n_tendons)."""
-    return _finer(task, [*_points(Problem(task, task.coarse("nearest")), tensions)])
+def fine_enough(problem: PlanningProblem, tensions: Array) -> PlanningProblem:
+    """Return the problem on a mesh that is accurate for most of the tensions (m, n_tendons)."""
+    return _finer(
+        problem, [*_points(ProgramInstance(problem, problem.coarse("nearest")), tensions)]
+    )
 
 
-def _finer(task: PlanningProblem, points: Sequence[object]) -> PlanningProblem:
-    """Return the task on a mesh that is accurate for most of the equilibria; skip errors."""
+def _finer(problem: PlanningProblem, points: Sequence[object]) -> PlanningProblem:
+    """Return the problem on a mesh that is accurate for most of the equilibria; skip errors."""
     settled = [point for point in points if isinstance(point, Equilibrium)]
     while True:
-        mesh = task.coarse("nearest").refinement
+        mesh = problem.coarse("nearest").refinement
         if mesh >= _FINEST or not settled:
-            return task
-        on_finer = replace(task, mesh=REFINEMENTS[REFINEMENTS.index(mesh) + 1])
-        problem = Problem(on_finer, on_finer.coarse("nearest"))
+            return problem
+        on_finer = replace(problem, mesh=REFINEMENTS[REFINEMENTS.index(mesh) + 1])
+        instance = ProgramInstance(on_finer, on_finer.coarse("nearest"))
         tensions = np.array([point.tensions for point in settled])
         # Loaded arms settle sooner from the shapes on the last mesh.
-        ends = [*_points(problem, tensions, settled if is_coupled(task.arm, task.scene) else ())]
+        ends = [
+            *_points(instance, tensions, settled if is_coupled(problem.arm, problem.scene) else ())
+        ]
         pairs = [
             (point, end)
             for point, end in zip(settled, ends, strict=True)
             if isinstance(end, Equilibrium)
         ]
         apart = [np.linalg.norm(end.poses[-1, 4:] - point.poses[-1, 4:]) for point, end in pairs]
-        if not pairs or float(np.quantile(apart, _SHARE)) <= _TOLERANCE * task.arm.length:
-            return task
-        task = on_finer
+        if not pairs or float(np.quantile(apart, _SHARE)) <= _TOLERANCE * problem.arm.length:
+            return problem
+        problem = on_finer
         settled = [end for _, end in pairs]
 
 
-def _settled(task: PlanningProblem) -> Samples:
-    """Return the sampled shapes that settle on the mesh of a task."""
-    problem = Problem(task, task.coarse("nearest"))
-    points, count = _equilibria(problem)
-    p = problem.parameters(SEARCH_WEIGHT)
+def _settled(problem: PlanningProblem) -> Samples:
+    """Return the sampled shapes that settle on the mesh of a problem."""
+    instance = ProgramInstance(problem, problem.coarse("nearest"))
+    points, count = _equilibria(instance)
+    p = instance.parameters(SEARCH_WEIGHT)
     taken = list[Equilibrium]()
     objectives = list[float]()
     for point in points:
         # Responses of an arm that buckles have no solution.
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            x = problem.complete(point.tensions, point.states)
-            objective = float(problem.program.evaluate(x, p)[0][0])
+            x = instance.complete(point.tensions, point.states)
+            objective = float(instance.program.evaluate(x, p)[0][0])
             if np.isfinite(objective):
                 taken.append(point)
                 objectives.append(objective)
     order = np.argsort(objectives, kind="stable")
-    return Samples(task, count, [taken[i] for i in order], np.array(objectives)[order])
+    return Samples(problem, count, [taken[i] for i in order], np.array(objectives)[order])
 
 
-def _equilibria(problem: Problem) -> tuple[list[Equilibrium], int]:
+def _equilibria(instance: ProgramInstance) -> tuple[list[Equilibrium], int]:
     """Return the sampled equilibria, and the number of shapes that were tried."""
-    loaded = is_coupled(problem.arm, problem.scene)
-    if loaded and problem.forward.loads_first:
-        points = problem.forward.solve_along(spread(problem.task, _LINES))
+    loaded = is_coupled(instance.arm, instance.scene)
+    if loaded and instance.forward.loads_first:
+        points = instance.forward.solve_along(spread(instance.problem, _LINES))
         return points, len(points)
-    tensions = spread(problem.task, _LOADED if loaded else _SAMPLES)
-    ends = _points(problem, tensions)
+    tensions = spread(instance.problem, _LOADED if loaded else _SAMPLES)
+    ends = _points(instance, tensions)
     return [end for end in ends if isinstance(end, Equilibrium)], len(tensions)
 
 
 def _points(
-    problem: Problem, tensions: Array, near: Sequence[Equilibrium | None] = ()
+    instance: ProgramInstance, tensions: Array, near: Sequence[Equilibrium | None] = ()
 ) -> Iterator[object]:
     """Yield the equilibrium under each of the tensions (m, n_tendons), or an error."""
     for k in range(0, len(tensions), _AT_ONCE):
         check_time()
         report("sampled shapes", k, len(tensions))
         some = slice(k, k + _AT_ONCE)
-        yield from problem.forward.many(tensions[some], near[some])
+        yield from instance.forward.many(tensions[some], near[some])
 
 
-def fitted(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
+def fitted(problem: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     """Return tensions (m, n_tendons) moved until the targets are met, and the misses left (m,).
 
     Each step is the smallest change of the tensions, so that the shapes stay near the shapes under
     the given tensions: Levenberg and Marquardt's method within the limits of each tendon.
     """
-    problem = Problem(task, task.coarse("exact"))
-    limits, unit = task.allowed, problem.unit
+    instance = ProgramInstance(problem, problem.coarse("exact"))
+    limits, unit = problem.allowed, instance.unit
     low, high = np.array(limits.lower) / unit, np.minimum(np.array(limits.upper) / unit, _FAR)
-    fits = [_Fit(problem, point) for point in _points(problem, tensions)]
+    fits = [_Fit(instance, point) for point in _points(instance, tensions)]
     for _ in range(_STEPS):
         going = [fit for fit in fits if fit.is_going]
         if not going:
             break
         trials = [fit.trial(low, high) for fit in going]
-        points = _points(problem, np.array(trials) * unit, [fit.point for fit in going])
+        points = _points(instance, np.array(trials) * unit, [fit.point for fit in going])
         for fit, point in zip(going, points, strict=True):
             fit.accept(point)
     kept = [fit for fit in fits if np.isfinite(fit.miss)]
-    found = np.array([fit.point.tensions for fit in kept]).reshape(-1, task.arm.n_tendons)
+    found = np.array([fit.point.tensions for fit in kept]).reshape(-1, problem.arm.n_tendons)
     return found, np.array([fit.miss for fit in kept])
 
 
@@ -216,8 +220,8 @@ class _Fit:
         Whether the last steps reduced the miss.
     """
 
-    def __init__(self, problem: Problem, point: object) -> None:
-        self._problem = problem
+    def __init__(self, instance: ProgramInstance, point: object) -> None:
+        self._instance = instance
         self._damping = _DAMPING
         self.miss = np.inf
         self.is_going = True
@@ -229,7 +233,7 @@ class _Fit:
         before = self.miss
         if isinstance(point, Equilibrium):
             with suppress(OctoplanError, np.linalg.LinAlgError):
-                residuals, jacobian = _residuals(self._problem, point)
+                residuals, jacobian = _residuals(self._instance, point)
                 miss = float(np.linalg.norm(residuals))
                 if miss < before:
                     self.point = point
@@ -245,7 +249,7 @@ class _Fit:
 
     def trial(self, low: Array, high: Array) -> Array:
         """Return the tensions of the next step (n_tendons,), in units of the program."""
-        z = self.point.tensions / self._problem.unit
+        z = self.point.tensions / self._instance.unit
         n, weight = z.size, np.sqrt(self._damping)
         step = lsq_linear(
             np.vstack([self._jacobian, weight * np.eye(n)]),
@@ -256,17 +260,17 @@ class _Fit:
         return np.asarray(np.clip(z + step, low, high))
 
 
-def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
+def _residuals(instance: ProgramInstance, point: Equilibrium) -> tuple[Array, Array]:
     """Return weighted residuals of the targets (k,), and derivatives (k, n) by scaled tensions."""
-    program, x = problem.program, problem.complete(point.tensions, point.states)
-    _, _, g, J = problem.program.evaluate(x, problem.parameters())
+    program, x = instance.program, instance.complete(point.tensions, point.states)
+    _, _, g, J = instance.program.evaluate(x, instance.parameters())
     at, n = program.states, point.tensions.size
-    by_states = point.by_tensions * problem.unit / problem.scale[at][:, None]
+    by_states = point.by_tensions * instance.unit / instance.scale[at][:, None]
     rows = np.isin(program.row_kinds, (EQUALITY, INEQUALITY))
     J = J.tocsr()[rows]
     jacobian = J[:, :n].toarray() + J[:, at] @ by_states
     weights = np.ones(len(jacobian))
-    terms = problem.target_set.terms
+    terms = instance.target_set.terms
     weights[: terms.equality_weights.size] = terms.equality_weights
     equal = program.row_kinds[rows] == EQUALITY
     residuals = np.where(equal, g[rows], np.minimum(g[rows], 0.0))
@@ -274,17 +278,17 @@ def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
     return weights * residuals, weights[:, None] * jacobian
 
 
-def spread(task: PlanningProblem, count: int) -> Array:
+def spread(problem: PlanningProblem, count: int) -> Array:
     """Return tensions (count, n_tendons) over the limits [N]; always the same.
 
     The first are corners of the box of tensions. One half of the others bends few sections at a
     time, by all angles. The other half has any tendons at any level.
     """
-    limits, rng = task.allowed, np.random.default_rng(0)
-    box = Box.of(task)
+    limits, rng = problem.allowed, np.random.default_rng(0)
+    box = Box.of(problem)
     corners = box.corners(count // 2, rng)
     n_bends = (count - len(corners)) // 2
-    bends = BendCoordinates(task.arm, task.target_set.tendons, limits)
+    bends = BendCoordinates(problem.arm, problem.target_set.tendons, limits)
     levels = box.levels(count - len(corners) - n_bends, rng)
     return np.vstack([corners, bends.tensions(bends.draw(n_bends)), levels])
 
@@ -305,11 +309,11 @@ class Box:
     most: Array
 
     @classmethod
-    def of(cls, task: PlanningProblem) -> Box:
-        """Return the box of a task."""
-        natural, lower = natural_tensions(task.arm), np.array(task.allowed.lower)
-        most = np.minimum(np.array(task.allowed.upper) - lower, _MOST * natural)
-        return cls(task.allowed, np.minimum(_LEAST * natural, most), most)
+    def of(cls, problem: PlanningProblem) -> Box:
+        """Return the box of a problem."""
+        natural, lower = natural_tensions(problem.arm), np.array(problem.allowed.lower)
+        most = np.minimum(np.array(problem.allowed.upper) - lower, _MOST * natural)
+        return cls(problem.allowed, np.minimum(_LEAST * natural, most), most)
 
     def corners(self, count: int, rng: np.random.Generator) -> Array:
         """Return all corners if there are no more than `count`, otherwise some of them."""

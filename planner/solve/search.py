@@ -39,7 +39,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.block import Constraints
 from octoplan.planner.planning_problem import Mode, PlanningProblem
-from octoplan.planner.problem import FINAL_WEIGHT, Problem
+from octoplan.planner.program_instance import FINAL_WEIGHT, ProgramInstance
 from octoplan.planner.solution import Solution
 from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
 from octoplan.planner.solve.multistart import N_EQUAL_OPTIMA, NEARLY_MET, Multistart
@@ -66,7 +66,7 @@ class Search:
 
     Attributes
     ----------
-    task : PlanningProblem
+    problem : PlanningProblem
         The problem; samples may require a finer coarse mesh.
     stage : Multistart
         The last stage.
@@ -76,13 +76,13 @@ class Search:
         Sampled shapes, after step 2.
     """
 
-    def __init__(self, task: PlanningProblem, constraints: Constraints | None = None) -> None:
-        self.task = task
+    def __init__(self, problem: PlanningProblem, constraints: Constraints | None = None) -> None:
+        self.problem = problem
         self.constraints = constraints
-        self.blocks = constraints.blocks(task.arm) if constraints else ()
-        self.stage = Multistart(task, "exact", blocks=self.blocks)
+        self.blocks = constraints.blocks(problem.arm) if constraints else ()
+        self.stage = Multistart(problem, "exact", blocks=self.blocks)
         self.samples: Samples | None = None
-        self._source = initial_guesses(task, is_coupled(task.arm, task.scene))
+        self._source = initial_guesses(problem, is_coupled(problem.arm, problem.scene))
 
     def run(self) -> Solution:
         """Return the best solution, or the best so far if the time limit is reached."""
@@ -105,12 +105,14 @@ class Search:
         # The exact stage, if it ended without a result and was not resumed.
         suspended: Multistart | None = None
         for mode in self._modes():
-            n_sampled = self._n_sampled if mode != "exact" and self.task.guesses else 0
+            n_sampled = self._n_sampled if mode != "exact" and self.problem.guesses else 0
             n_tried = len(suspended.trials) if suspended else 1
             guesses = self.guesses(n_tried, n_sampled)
-            stage = Multistart(self.task, mode, guesses, blocks=self.blocks, last=self.stage.last)
+            stage = Multistart(
+                self.problem, mode, guesses, blocks=self.blocks, last=self.stage.last
+            )
             self.stage = stage
-            can_resume = mode == "exact" and self.task.guesses is None
+            can_resume = mode == "exact" and self.problem.guesses is None
             n_guesses = N_FIRST_GUESSES if can_resume else None
             stage.solve_guesses(n_guesses, until_met=suspended is not None)
             if can_resume and not stage.optima:
@@ -121,7 +123,7 @@ class Search:
             stages = [stage]
             unstable |= stage.no_stable_optimum_meets and stage.some_optimum_meets
             if suspended is not None and stage.some_optimum_meets:
-                suspended.task = stage.task
+                suspended.problem = stage.problem
                 nearest = stage.optima[0].controls
                 suspended.guesses = chain([nearest], suspended.guesses)
                 stages = [suspended, stage]
@@ -142,18 +144,18 @@ class Search:
         The exact mode requires as many tendons that can pull and base joints as conditions;
         "closest" requires soft residuals or inequalities of low priority.
         """
-        terms = self.task.target_set.terms
+        terms = self.problem.target_set.terms
         modes: list[Mode] = ["nearest"]
         if terms.names[1] or LOW_PRIORITY in terms.inequality_weights:
             modes.insert(0, "closest")
-        if terms.count <= self.task.n_controls:
+        if terms.count <= self.problem.n_controls:
             modes.insert(0, "exact")
         return modes
 
     @property
     def _n_sampled(self) -> int:
         """The number of sampled shapes to solve from; half of the guesses, if a number is given."""
-        return N_SAMPLED if self.task.guesses is None else self.task.guesses // 2
+        return N_SAMPLED if self.problem.guesses is None else self.problem.guesses // 2
 
     def _with_samples(self, stage: Multistart) -> Multistart:
         """Return a stage after solves from the nearest of the sampled shapes.
@@ -163,16 +165,16 @@ class Search:
         from octoplan.planner.solve.samples import sample
 
         if self.samples is None:
-            self.samples = sample(self.task, self._n_sampled)
+            self.samples = sample(self.problem, self._n_sampled)
         distinct = islice(self.samples.distinct(), self._n_sampled)
         guesses: Iterator[Array] = (point.tensions for point in distinct)
-        if self.samples.task is not self.task:
-            self.task = self.samples.task
+        if self.samples.problem is not self.problem:
+            self.problem = self.samples.problem
             trials = [replace(trial, met=False) for trial in stage.trials]
             best = stage.optima[:N_EQUAL_OPTIMA]
             guesses = chain((each.controls for each in best), guesses)
             stage = Multistart(
-                self.task, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
+                self.problem, stage.mode, blocks=self.blocks, trials=trials, last=stage.last
             )
         stage.guesses = guesses
         stage.solve_guesses(until_met=True, until_equal=False)
@@ -186,20 +188,20 @@ class Search:
         stability is preferred to a shape that misses the targets.
         """
         stage = self.stage
-        stage.task = self.task
+        stage.problem = self.problem
         while True:
             stage.solve_guesses()
             nearly_met = stage.mode != "exact" and any(
                 each.f <= NEARLY_MET for each in stage.unstable
             )
-            limit = NEARLY_MET if nearly_met and self.task.best_margin else np.inf
+            limit = NEARLY_MET if nearly_met and self.problem.best_margin else np.inf
             result = stage.best(limit)
             if result is None and stage.mode == "exact":
                 result = stage.best_of_more_stable()
             if result is not None or nearly_met or not stage.stable:
                 break
             stage.reject()
-        if result is not None or not stage.unstable or not self.task.best_margin:
+        if result is not None or not stage.unstable or not self.problem.best_margin:
             return result
         return self._best_without_margin(stage)
 
@@ -207,15 +209,15 @@ class Search:
         """Return the best refined optimum that is stable, without the default margin."""
         from octoplan.planner.solve.stable_descent import descend
 
-        options = self.task.options.replace(margin=0.0)
-        self.task = replace(self.task, options=options, best_margin=False)
-        self.stage = replace(stage, task=self.task, stable=[], unstable=[])
+        options = self.problem.options.replace(margin=0.0)
+        self.problem = replace(self.problem, options=options, best_margin=False)
+        self.stage = replace(stage, problem=self.problem, stable=[], unstable=[])
         for optimum in stage.optima:
-            problem = optimum.problem.replace(margin=0.0)
-            if problem.forward.loads_first:
-                self.stage.classify(descend(problem, problem.linearised(optimum.x)))
+            instance = optimum.instance.replace(margin=0.0)
+            if instance.forward.loads_first:
+                self.stage.classify(descend(instance, instance.linearised(optimum.x)))
             else:
-                self.stage.classify(replace(optimum, problem=problem))
+                self.stage.classify(replace(optimum, instance=instance))
         return self.stage.best()
 
     def _exact_near(self, result: Solution) -> Solution:
@@ -229,15 +231,19 @@ class Search:
         refined = stage.refined
         if stage.mode == "exact" or refined is None or refined.f > ATTAINABLE:
             return result
-        task = stage.task.at_base(refined.problem.base_joints(refined.x))
-        mesh = refined.problem.options.refinement
-        problem = Problem(task, task.coarse("exact").replace(refinement=mesh), self.blocks)
+        problem = stage.problem.at_base(refined.instance.base_joints(refined.x))
+        mesh = refined.instance.options.refinement
+        instance = ProgramInstance(
+            problem, problem.coarse("exact").replace(refinement=mesh), self.blocks
+        )
         try:
             with suppress(OctoplanError, np.linalg.LinAlgError):
-                corrected = on_mesh(refined, problem, task.settled(refined.tensions))
+                corrected = on_mesh(refined, instance, problem.settled(refined.tensions))
                 guesses = chain([refined.controls], beside(corrected), self.guesses())
-                limited = islice(guesses, task.max_guesses)
-                exact = Multistart(task, "exact", limited, blocks=self.blocks, corrected=corrected)
+                limited = islice(guesses, problem.max_guesses)
+                exact = Multistart(
+                    problem, "exact", limited, blocks=self.blocks, corrected=corrected
+                )
                 exact.solve_guesses()
                 return exact.best() or result
         except OutOfTime:
@@ -256,12 +262,12 @@ class Search:
         self._source, again = tee(self._source)
         before = list(islice(again, n_tried))
         yield from before[:1]
-        targets = self.task.target_set
+        targets = self.problem.target_set
         if n_tried > 1 and targets.conditions > POINT and not targets.terms.names[2]:
             again = initial_guesses(
-                self.task, is_coupled(self.task.arm, self.task.scene), missed=True
+                self.problem, is_coupled(self.problem.arm, self.problem.scene), missed=True
             )
-        yield from islice(again, max(self.task.max_guesses - n_tried - n_sampled, 0))
+        yield from islice(again, max(self.problem.max_guesses - n_tried - n_sampled, 0))
         yield from before[1:]
 
     def _nearest_sample(self, is_checked: bool) -> Array:
@@ -273,7 +279,7 @@ class Search:
         points = self.samples.points
         for point in points[: N_SAMPLED if is_checked else 0]:
             with suppress(OctoplanError):
-                self.task.settled(point.tensions)
+                self.problem.settled(point.tensions)
                 return point.tensions
         return points[0].tensions
 
@@ -285,13 +291,13 @@ class Search:
         optima = [*self.stage.stable, *self.stage.rejected]
         best = self.stage.refined or min(optima, key=attrgetter("f"), default=self.stage.last)
         if not optima and self.samples and self.samples.points:
-            options = self.task.coarse("nearest")
-            T = self.task.arm.by_section(self._nearest_sample(is_checked=not stopped))
+            options = self.problem.coarse("nearest")
+            T = self.problem.arm.by_section(self._nearest_sample(is_checked=not stopped))
             trials = tuple(self.stage.trials)
-            return Solution(options, T, (), (), trials, stopped, base=self.task.base_joints)
+            return Solution(options, T, (), (), trials, stopped, base=self.problem.base_joints)
         if best is None:
-            *_, T = islice(drawn_arms(self.task), 2)
-            options = self.task.coarse("nearest")
-            T = self.task.arm.by_section(T[: self.task.arm.n_tendons])
-            return Solution(options, T, (), (), (), stopped, base=self.task.base_joints)
+            *_, T = islice(drawn_arms(self.problem), 2)
+            options = self.problem.coarse("nearest")
+            T = self.problem.arm.by_section(T[: self.problem.arm.n_tendons])
+            return Solution(options, T, (), (), (), stopped, base=self.problem.base_joints)
         return best.result(self.stage.trials, stopped=stopped)

@@ -34,7 +34,7 @@ from octoplan.model.rotations import POSE
 from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.linearised_blocks import STABILITY, LeastMode
-from octoplan.planner.problem import SEARCH_WEIGHT, Problem
+from octoplan.planner.program_instance import SEARCH_WEIGHT, ProgramInstance
 from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.reduced_program import ReducedProgram, Step, elastic_step
@@ -90,15 +90,17 @@ _LEAST_RTOL = 1e-6
 _MET = 1e-5
 
 
-def descend(problem: Problem, start: Equilibrium, defect: Array | None = None) -> NlpSolution:
+def descend(
+    instance: ProgramInstance, start: Equilibrium, defect: Array | None = None
+) -> NlpSolution:
     """Return the optimum that a descent from a stable shape leads to, corrected by a defect.
 
     The solution counts as converged if its rows are met, except for the stability. `start` is an
     equilibrium on the mesh of the problem. Raise SingularError or LinAlgError if the program has no
     derivatives there.
     """
-    descent = _Descent(problem, start, defect)
-    if not problem.options.modes and not is_stable(start, problem.options.stability_bound):
+    descent = _Descent(instance, start, defect)
+    if not instance.options.modes and not is_stable(start, instance.options.stability_bound):
         descent.state_stability()
     while descent.proceed():
         check_time()
@@ -106,7 +108,7 @@ def descend(problem: Problem, start: Equilibrium, defect: Array | None = None) -
 
 
 def descend_from_guess(
-    problem: Problem,
+    instance: ProgramInstance,
     forward: CollocationMap,
     tensions: Array,
     defect: Array | None = None,
@@ -123,14 +125,14 @@ def descend_from_guess(
     with suppress(OctoplanError, np.linalg.LinAlgError):
         start = forward.solve_towards(tensions)
         count = 0
-        for floor in (problem.options.floor, *STABILITY_FLOORS):
-            solution = descend(problem.replace(floor=floor), start, defect)
+        for floor in (instance.options.floor, *STABILITY_FLOORS):
+            solution = descend(instance.replace(floor=floor), start, defect)
             count += solution.iterations
             solution = replace(solution, iterations=count)
             if not solution.converged or any(_is_equal(solution, each) for each in known):
                 return solution
             try:
-                start = problem.forward_at(solution.task.arm).solve(solution.tensions)
+                start = instance.forward_at(solution.problem.arm).solve(solution.tensions)
             except SnapError:
                 # The refinement decides: the coarse mesh snaps too early near a fold.
                 return solution
@@ -148,22 +150,24 @@ def enforce_margin(optimum: NlpSolution, bound: float) -> NlpSolution | None:
     """
     near = optimum
     tolerance = COARSE_RTOL * bound
-    if optimum.problem.forward.loads_first:
-        problem = optimum.problem.replace(modes=1, floor=bound)
+    if optimum.instance.forward.loads_first:
+        instance = optimum.instance.replace(modes=1, floor=bound)
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            near = descend(problem, problem.linearised(optimum.x))
-            return near if near.converged and problem.is_stable(near.x, bound - tolerance) else None
+            near = descend(instance, instance.linearised(optimum.x))
+            return (
+                near if near.converged and instance.is_stable(near.x, bound - tolerance) else None
+            )
         return None
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
-            problem = near.problem.replace(modes=1, floor=bound)
-            states = near.problem.linearised(near.x).states
-            x = problem.complete(near.tensions, states)
-            near = solve(problem, x, problem.parameters(SEARCH_WEIGHT))
+            instance = near.instance.replace(modes=1, floor=bound)
+            states = near.instance.linearised(near.x).states
+            x = instance.complete(near.tensions, states)
+            near = solve(instance, x, instance.parameters(SEARCH_WEIGHT))
             check_time()
             if not near.converged:
                 break
-            if problem.is_stable(near.x, bound - tolerance):
+            if instance.is_stable(near.x, bound - tolerance):
                 return near
     return None
 
@@ -185,21 +189,21 @@ class _Descent:
         Number of steps.
     """
 
-    def __init__(self, problem: Problem, start: Equilibrium, defect: Array | None) -> None:
+    def __init__(self, instance: ProgramInstance, start: Equilibrium, defect: Array | None) -> None:
         self._defect = defect
-        self.point = self._at(problem, start)
+        self.point = self._at(instance, start)
         self.lam = np.zeros(self.point.rows.size)
         self.width = _FIRST_WIDTH
         self.penalty = _FIRST_PENALTY
         self.count = 0
         self._n_lost = 0
         # Modes that the descent adds are dropped again.
-        self._modes = problem.options.modes
+        self._modes = instance.options.modes
 
-    def _at(self, problem: Problem, equilibrium: Equilibrium) -> ReducedProgram:
+    def _at(self, instance: ProgramInstance, equilibrium: Equilibrium) -> ReducedProgram:
         """Return the program at an equilibrium."""
-        p = problem.parameters(SEARCH_WEIGHT, self._defect)
-        return ReducedProgram(problem, equilibrium, p)
+        p = instance.parameters(SEARCH_WEIGHT, self._defect)
+        return ReducedProgram(instance, equilibrium, p)
 
     def _merit(self, point: ReducedProgram, lam: Array | None) -> float:
         """Return the objective plus the penalty of all rows."""
@@ -240,7 +244,7 @@ class _Descent:
         model = point.f + float(point.gradient @ d + d @ H @ d / 2)
         model += self._penalty_of(point, point.rows + point.jacobian @ d, lam)
         predicted = self._merit(point, lam) - model
-        size = float(np.abs(d[point.problem.controls]).max())
+        size = float(np.abs(d[point.instance.controls]).max())
         is_inside = size < 0.9 * self.width
         scale = point.f + self.penalty * violation
         is_met = is_elastic or violation <= _MET
@@ -266,7 +270,7 @@ class _Descent:
         else:
             self._n_lost += after is None
             ends = self._is_unstable or self._n_lost >= _LOST
-            if after is None and ends and not point.problem.options.modes:
+            if after is None and ends and not point.instance.options.modes:
                 self.state_stability()
             else:
                 self.width = _CUT * size
@@ -304,14 +308,14 @@ class _Descent:
         """
         self._is_unstable = False
         point = self.point
-        problem = point.problem
-        bound = 0.0 if problem.options.modes else problem.options.stability_bound
+        instance = point.instance
+        bound = 0.0 if instance.options.modes else instance.options.stability_bound
         with suppress(OctoplanError, np.linalg.LinAlgError):
             equilibrium = _moved(point, d) or _moved(point, d, halves=2)
             if equilibrium is not None:
                 self._is_unstable = not is_stable(equilibrium, bound)
                 if not self._is_unstable:
-                    after = self._at(problem, equilibrium)
+                    after = self._at(instance, equilibrium)
                     return after, self._merit(point, lam) - self._merit(after, lam)
         return None, -np.inf
 
@@ -326,7 +330,7 @@ class _Descent:
             self.lam = lam
         if not is_elastic:
             self.penalty = max(_LEAST_PENALTY, _PENALTY_RATIO * largest)
-        options = after.problem.options
+        options = after.instance.options
         if options.modes > self._modes:
             excess = options.stability_bound + _FAR_FROM_FOLD
             if is_stable(after.equilibrium, excess):
@@ -338,11 +342,11 @@ class _Descent:
 
     def _replace_modes(self, modes: int) -> None:
         """Continue with the least stable mode, or without; the other rows are the same."""
-        before = self.point.problem
-        problem = before.replace(modes=modes)
+        before = self.point.instance
+        instance = before.replace(modes=modes)
         if self._defect is not None:
             # The defect of the stability is not known.
-            larger = problem if modes else before
+            larger = instance if modes else before
             names = [type(block) for block in larger.blocks]
             place = larger.program.measured[names.index(LeastMode)].start
             if modes:
@@ -350,19 +354,19 @@ class _Descent:
             else:
                 self._defect = np.delete(self._defect, place)
         lam = self.lam[self._is_other_row()]
-        self.point = self._at(problem, self.point.equilibrium)
+        self.point = self._at(instance, self.point.equilibrium)
         self.lam = np.zeros(self.point.rows.size)
         self.lam[self._is_other_row()] = lam
 
     def _is_other_row(self) -> NDArray[np.bool_]:
         """Return which design rows (m,) do not state the stability."""
-        kinds = self.point.problem.program.row_kinds[: self.point.rows.size]
+        kinds = self.point.instance.program.row_kinds[: self.point.rows.size]
         return np.asarray(kinds != STABILITY, dtype=bool)
 
     def solution(self) -> NlpSolution:
         """Return the last point as a solution."""
         point = self.point
-        program = point.problem.program
+        program = point.instance.program
         lam_x = np.zeros(point.x.size)
         lam_x[: program.n_decision] = -(point.gradient + self.lam @ point.jacobian)
         violations = point.violation(point.rows)
@@ -374,7 +378,7 @@ class _Descent:
             point.f,
             bool(violations[others].max(initial=0.0) <= _MET),
             self.count,
-            problem=point.problem,
+            instance=point.instance,
             defect=self._defect,
         )
 
@@ -384,7 +388,7 @@ def _moved(point: ReducedProgram, d: Array, halves: int = 1) -> Equilibrium | No
 
     The step is taken in `halves` parts, which are predicted along the equilibria.
     """
-    problem = point.problem
+    instance = point.instance
     change = point.along(d)
     states = point.equilibrium.states
     end: Equilibrium | None = None
@@ -392,9 +396,9 @@ def _moved(point: ReducedProgram, d: Array, halves: int = 1) -> Equilibrium | No
         share = (k + 1) / halves
         x = point.x.copy()
         x[: d.size] += share * d
-        arm = problem.task.at_base(problem.base_joints(x)).arm
-        system = problem.forward_at(arm).system
-        start = Start(problem.tensions(x), 1.0, with_poses(system, states + change / halves))
+        arm = instance.problem.at_base(instance.base_joints(x)).arm
+        system = instance.forward_at(arm).system
+        start = Start(instance.tensions(x), 1.0, with_poses(system, states + change / halves))
         (end,) = newton(system, [start])
         if end is None:
             return None
@@ -403,15 +407,15 @@ def _moved(point: ReducedProgram, d: Array, halves: int = 1) -> Equilibrium | No
 
 
 def _is_equal(optimum: NlpSolution, other: NlpSolution) -> bool:
-    """Return whether an optimum of the same task has nearly the shape and the objective."""
-    if optimum.task.arm != other.task.arm or abs(optimum.f - other.f) > SAME_SHAPE * other.f:
+    """Return whether an optimum of the same problem has nearly the shape and the objective."""
+    if optimum.problem.arm != other.problem.arm or abs(optimum.f - other.f) > SAME_SHAPE * other.f:
         return False
-    return _has_shape(optimum, other.problem.linearised(other.x))
+    return _has_shape(optimum, other.instance.linearised(other.x))
 
 
 def _has_shape(optimum: NlpSolution, shape: Equilibrium) -> bool:
     """Return whether an equilibrium on the mesh of an optimum has the shape of the optimum."""
-    states = optimum.problem.linearised(optimum.x).states
+    states = optimum.instance.linearised(optimum.x).states
     places = shape.system.layout.nodes[:, 4:POSE]
     apart = np.linalg.norm(states[places] - shape.states[places], axis=1)
-    return bool(apart.max() <= SAME_SHAPE * optimum.problem.arm.length)
+    return bool(apart.max() <= SAME_SHAPE * optimum.instance.arm.length)

@@ -86,8 +86,8 @@ def test_balance_left_is_no_less_than_the_least_of_the_cone() -> None:
 def test_arms_that_touch_press_lightly_and_settle_along_their_paths() -> None:
     limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
     hold = Hold(ROD, (0.0, 0.0, 0.02), 0.3)
-    task = PlanningProblem(ARM, (hold,), SCENE, limits, NlpOptions(), 1e-6)
-    program = TensionProgram(task, COARSE)
+    problem = PlanningProblem(ARM, (hold,), SCENE, limits, NlpOptions(), 1e-6)
+    program = TensionProgram(problem, COARSE)
     found = list(islice(arms_that_touch(program, hold), 3))
     assert len(found) == 3
     for path, point in found:
@@ -106,8 +106,8 @@ def test_the_first_guess_touches_the_side_that_the_wrench_needs(side: float) -> 
     limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
     hold = Hold(ball, (0.0, 0.02 * side, 0.0), 0.0)
     scene = Scene(Extension(), ExactTendons(), Contact(ball))
-    task = PlanningProblem(ARM, (hold,), scene, limits, NlpOptions(), 1e-6)
-    _, point = next(arms_that_touch(TensionProgram(task, COARSE), hold))
+    problem = PlanningProblem(ARM, (hold,), scene, limits, NlpOptions(), 1e-6)
+    _, point = next(arms_that_touch(TensionProgram(problem, COARSE), hold))
     [touch] = equilibrium_contacts(point)
     assert touch.normal[1] * side > 0.8
 

@@ -154,8 +154,8 @@ def test_the_wrench_of_a_light_touch_grows_before_all_of_it_is_held() -> None:
     [touch] = settle(ARM, light, SCENE, 1e-8).contacts
     hold = Hold(ROD, tuple((6 * touch.force).tolist()), FRICTION)
     limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
-    task = PlanningProblem(ARM, (hold,), SCENE, limits, NlpOptions(), 1e-6)
-    program = TensionProgram(task, COARSE)
+    problem = PlanningProblem(ARM, (hold,), SCENE, limits, NlpOptions(), 1e-6)
+    program = TensionProgram(problem, COARSE)
     touching = program.settled(np.array(light))
     assert not presses_against(program, touching)
     assert presses_against(program.with_wrenches(-1.0), touching)

@@ -34,8 +34,8 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
     limits = TendonLimits((5.0,) * 4, (-1.0,) * 4, 9.0)
-    task = PlanningProblem(ARM, targets, SCENE, limits, NlpOptions(), 1e-6)
-    program = TensionProgram(task, FINE, LEAST)
+    problem = PlanningProblem(ARM, targets, SCENE, limits, NlpOptions(), 1e-6)
+    program = TensionProgram(problem, FINE, LEAST)
     begin = program.settled(T)
     scaled, h = T / program.unit, 1e-4
     start = program.at(scaled, begin)
@@ -61,8 +61,8 @@ def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
     """Load paths had tensions of -1e-14 N, which the plan's own shape refused."""
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     limits = TendonLimits((5.0,) * 4, (0.0,) * 4)
-    task = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
-    program = TensionProgram(task, FINE)
+    problem = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
+    program = TensionProgram(problem, FINE)
     begin = program.settled(T)
     assert program.at(T / program.unit - 1e-13, begin).point.tensions.min() == 0.0
 
@@ -74,8 +74,8 @@ def test_a_penalty_rises_until_steps_take_most_violations_away() -> None:
         np.eye(T.size),
         np.full(T.size, 0.25),
     )
-    task = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
-    program = TensionProgram(task, FINE)
+    problem = PlanningProblem(ARM, (TipPosition(tip),), SCENE, limits, NlpOptions(), 1e-6)
+    program = TensionProgram(problem, FINE)
     start = program.at(T / program.unit, program.settled(T))
     step = steered(start, start, exact, radius, 1e-3)
     left = [start.step(exact, radius, each)[3] for each in (step.penalty / 10, step.penalty)]

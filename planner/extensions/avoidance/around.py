@@ -46,20 +46,20 @@ _FITTED, _MET = 60, 1e-2
 _AGAIN = 1e-3
 
 
-def line_of(task: PlanningProblem, T: Array) -> Centreline | None:
+def line_of(problem: PlanningProblem, T: Array) -> Centreline | None:
     """Return the centreline of a plan's settled shape; None if it does not settle."""
     with suppress(OctoplanError, np.linalg.LinAlgError):
-        return task.settled(T).centreline(grid(task.arm).tolist())
+        return problem.settled(T).centreline(grid(problem.arm).tolist())
     return None
 
 
-def _lines_of(task: PlanningProblem) -> Lines:
-    """Return the centrelines of a task's arm on the mesh of the search."""
-    at = tuple(grid(task.arm)[1:].tolist())
-    refinement = task.coarse("exact").refinement
-    if isinstance(task.placement, JointPlacement):
-        return MovingLines(task.placement, task.scene, refinement, at, task.machine_code)
-    return Lines(task.arm, task.scene, refinement, at, task.machine_code)
+def _lines_of(problem: PlanningProblem) -> Lines:
+    """Return the centrelines of the arm of a problem on the mesh of the search."""
+    at = tuple(grid(problem.arm)[1:].tolist())
+    refinement = problem.coarse("exact").refinement
+    if isinstance(problem.placement, JointPlacement):
+        return MovingLines(problem.placement, problem.scene, refinement, at, problem.machine_code)
+    return Lines(problem.arm, problem.scene, refinement, at, problem.machine_code)
 
 
 class ObstacleSearch:
@@ -67,7 +67,7 @@ class ObstacleSearch:
 
     Attributes
     ----------
-    task : PlanningProblem
+    problem : PlanningProblem
     trials : list of Trial
     searched : bool
         Whether the search tried initial guesses.
@@ -75,10 +75,10 @@ class ObstacleSearch:
         Number of sampled shapes.
     """
 
-    def __init__(self, task: PlanningProblem) -> None:
-        self.task, self.surroundings = task, task.environment
+    def __init__(self, problem: PlanningProblem) -> None:
+        self.problem, self.surroundings = problem, problem.environment
         self.trials, self.searched, self.sampled = list[Trial](), False, 0
-        self._lines = _lines_of(task)
+        self._lines = _lines_of(problem)
 
     def run(self, near: Solution | None = None) -> Solution:
         """Return the best solution that keeps clear, or the best so far if the time is over.
@@ -93,13 +93,13 @@ class ObstacleSearch:
                 led = self._exchange(near.controls, "exact")
                 if led is not None:
                     return led[1]
-            search, self.searched = Search(self.task), True
+            search, self.searched = Search(self.problem), True
             result = search.run()
             body = None if result.stopped else self._in_the_way(result)
             if body is None:
                 return result
-            self.task = search.task
-            self._lines = _lines_of(self.task)
+            self.problem = search.problem
+            self._lines = _lines_of(self.problem)
             best = self._detour(search, result)
             best = replace(best, sampled=max(self.sampled, result.sampled))
             reached = result.options.mode == "exact" and best.options.mode != "exact"
@@ -121,7 +121,7 @@ class ObstacleSearch:
 
     def _in_the_way(self, result: Solution) -> str | None:
         """Return a description of the body that is too near; None if the arm keeps clear."""
-        line = line_of(self.task.at_base(result.base), np.ravel(result.tensions))
+        line = line_of(self.problem.at_base(result.base), np.ravel(result.tensions))
         return "" if line is None else in_the_way(self.surroundings, line) or None
 
     def _detour(self, search: Search, result: Solution) -> Solution:
@@ -134,10 +134,12 @@ class ObstacleSearch:
         met = sorted(search.stage.stable, key=attrgetter("f"))
         optima = [(each.f, each.controls) for each in met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
-        drawn = islice(self._clear(islice(drawn_arms(self.task), _LOOKED_AT)), _MOST)
+        drawn = islice(self._clear(islice(drawn_arms(self.problem), _LOOKED_AT)), _MOST)
         clear, again = tee((0.0, arm) for arm in drawn)
         wide, wide_again = tee((0.0, arm) for arm in islice(self._clear_fits(), N_SAMPLED))
-        possible = mode == "nearest" or allows(self.surroundings, self.task.arm, self.task.targets)
+        possible = mode == "nearest" or allows(
+            self.surroundings, self.problem.arm, self.problem.targets
+        )
         best = self._best(mode, optima, others, clear, wide) if possible else None
         if best is None and mode != "nearest":
             best = self._best("nearest", chain(again, [(0.0, T)], wide_again))
@@ -155,12 +157,12 @@ class ObstacleSearch:
 
         Fits come by effort, samples by their distance to the targets.
         """
-        samples = sample(self.task, N_SAMPLED)
+        samples = sample(self.problem, N_SAMPLED)
         self.sampled = samples.count
         near = np.array([each.tensions for each in islice(samples.distinct(), _FITTED)])
-        self.task = fine_enough(samples.task, near)
-        self._lines = _lines_of(self.task)
-        tensions, misses = fitted(self.task, near)
+        self.problem = fine_enough(samples.problem, near)
+        self._lines = _lines_of(self.problem)
+        tensions, misses = fitted(self.problem, near)
         met = tensions[misses <= _MET]
         yield from self._clear(met[np.argsort(np.linalg.norm(met, axis=1), kind="stable")])
         yield from self._clear(near)
@@ -187,14 +189,14 @@ class ObstacleSearch:
         self, line: Centreline, before: ClearanceConstraints | None
     ) -> tuple[ClearanceConstraints, float]:
         """Return the clearance rows of an arm, and the smallest gap [m]; see avoiding."""
-        moves = self.task.placement is not None
+        moves = self.problem.placement is not None
         return avoiding(line, self.surroundings, before, moves)
 
     def _exchange(self, T: Array, mode: Mode) -> tuple[float, Solution] | None:
         """Return the objective and the solution that keeps clear, from given tensions."""
         avoidance: ClearanceConstraints | None = None
         optimum: NlpSolution | None = None
-        task, line, objectives = self.task, self._lines(T), list[float]()
+        problem, line, objectives = self.problem, self._lines(T), list[float]()
         for _ in range(CORRECTIONS):
             if line is None:
                 return None
@@ -207,18 +209,18 @@ class ObstacleSearch:
             kept, (avoidance, gap) = avoidance, self._avoiding(line, avoidance)
             if optimum is not None and is_final and gap >= self.surroundings.clearance:
                 fine = refine(optimum)
-                line = None if fine is None else line_of(fine.task, fine.tensions)
+                line = None if fine is None else line_of(fine.problem, fine.tensions)
                 if fine is None or line is None:
                     return None
                 if not in_the_way(self.surroundings, line):
                     constraints = kept if kept and kept.rows else None
                     return optimum.f, fine.result(self.trials, avoidance=constraints)
                 avoidance, _ = self._avoiding(line, avoidance)
-            stage = Multistart(task, mode, blocks=avoidance.blocks(task.arm))
+            stage = Multistart(problem, mode, blocks=avoidance.blocks(problem.arm))
             optimum = stage.resolve_with(optimum) if optimum else stage.solve_from(T)
             self.trials += stage.trials
             if optimum is None:
                 return None
-            point = optimum.problem.linearised(optimum.x)
+            point = optimum.instance.linearised(optimum.x)
             line = Centreline.at_states(point.system, point.states)
         return None

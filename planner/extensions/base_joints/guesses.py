@@ -17,7 +17,7 @@ from octoplan.model.paths import Array
 from octoplan.planner.extensions.base_joints.block import HALF_TURN
 from octoplan.planner.extensions.base_joints.placement import JointPlacement, moved_poses
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.problem import tension_scales
+from octoplan.planner.program_instance import tension_scales
 from octoplan.planner.solve.guesses import (
     POINT,
     BendCoordinates,
@@ -45,22 +45,22 @@ _NEAR_END = 0.5
 _FIRST = 3
 
 
-def guesses(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterator[Array]:
+def guesses(problem: PlanningProblem, base: JointPlacement, missed: bool) -> Iterator[Array]:
     """Yield tensions and joint values (n_tendons + 2,), the best fits first.
 
     Fits have no regard to effort if targets are `missed` or have soft residuals.
     """
-    limits = task.allowed
-    n = task.arm.n_tendons
-    straight = np.clip(5e-3 * tension_scales(task.arm, limits), limits.lower, limits.upper)
+    limits = problem.allowed
+    n = problem.arm.n_tendons
+    straight = np.clip(5e-3 * tension_scales(problem.arm, limits), limits.lower, limits.upper)
     at_rest = np.append(straight, base.values)
-    if task.target_set.conditions < POINT:
+    if problem.target_set.conditions < POINT:
         yield at_rest
-    loaded = is_coupled(task.arm, task.scene)
-    for k, controls in enumerate(_fitted(task, base, missed)):
+    loaded = is_coupled(problem.arm, problem.scene)
+    for k, controls in enumerate(_fitted(problem, base, missed)):
         yield controls
         yield from _turned(controls, base, np.pi / 2 if loaded else _NEAR_END)
-        if k == _FIRST and task.target_set.conditions >= POINT:
+        if k == _FIRST and problem.target_set.conditions >= POINT:
             yield at_rest
         if k >= _FIRST and loaded:
             stronger = np.clip(_STRONGER * controls[:n], limits.lower, limits.upper)
@@ -80,13 +80,13 @@ def _turned(controls: Array, base: JointPlacement, near: float) -> Iterator[Arra
             yield np.append(controls[:-1], np.clip(rotation, low, high))
 
 
-def _fitted(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterator[Array]:
+def _fitted(problem: PlanningProblem, base: JointPlacement, missed: bool) -> Iterator[Array]:
     """Yield distinct fits of tensions and joint values (n_tendons + 2,), then the nearest draws."""
-    bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
-    unit, residuals = tension_scales(task.arm, task.allowed).max(), residuals_of(task)
-    weight = 0.0 if missed or task.target_set.terms.names[1] else _EFFORT
+    bends = BendCoordinates(problem.arm, problem.target_set.tendons, problem.allowed)
+    unit, residuals = tension_scales(problem.arm, problem.allowed).max(), residuals_of(problem)
+    weight = 0.0 if missed or problem.target_set.terms.names[1] else _EFFORT
     low, high = (np.array(each) for each in base.joints.limits)
-    scales = np.array([task.arm.length, HALF_TURN])
+    scales = np.array([problem.arm.length, HALF_TURN])
     cost = np.sqrt(base.joints.weight) * weight
 
     def controls(points: Array) -> tuple[Array, Array]:
@@ -96,7 +96,7 @@ def _fitted(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterat
     def gaps(points: Array) -> Array:
         T, joints = controls(points)
         change = joints - np.array(base.values)
-        off = residuals(T, lambda poses: moved_poses(poses, task.arm, change))
+        off = residuals(T, lambda poses: moved_poses(poses, problem.arm, change))
         return np.hstack([off, weight * T / unit, cost * joints / scales])
 
     drawn = bends.draw(_DRAWN)
@@ -105,10 +105,10 @@ def _fitted(task: PlanningProblem, base: JointPlacement, missed: bool) -> Iterat
     off = np.linalg.norm(gaps(points), axis=1)
     points = points[np.argsort(off, kind="stable")[:_FITTED]]
     nearest = np.hstack(controls(points))
-    if task.scene.has(Extension):
+    if problem.scene.has(Extension):
         points = np.hstack([points, np.full((len(points), bends.width // 2), _SQUEEZED)])
     points, r = least_squares(gaps, points)
     order = np.argsort(np.linalg.norm(r, axis=1), kind="stable")
     found = np.vstack([np.hstack(controls(points[order])), nearest])
-    units = np.append(np.full(task.arm.n_tendons, unit), scales)
+    units = np.append(np.full(problem.arm.n_tendons, unit), scales)
     yield from distinct(found, units, _APART)

@@ -62,11 +62,11 @@ class JointPlacement:
         has = joints.insertion is not None, joints.rotation is not None
         return (JointBlock(*has, norm, self.arm, joints, self.position),)
 
-    def guesses(self, task: PlanningProblem, missed: bool) -> Iterator[Array]:
+    def guesses(self, problem: PlanningProblem, missed: bool) -> Iterator[Array]:
         """Yield initial tensions and joint values."""
         from octoplan.planner.extensions.base_joints.guesses import guesses
 
-        yield from guesses(task, self, missed)
+        yield from guesses(problem, self, missed)
 
     def checks(self) -> Mapping[str, Check]:
         """Return the violation of the limits of each joint."""

@@ -105,7 +105,7 @@ def optimum(
             ends = [found] if found else []
             if there.violation <= enough:
                 break
-    tolerance = max(_NONE, MET * program.task.accuracy)
+    tolerance = max(_NONE, MET * program.problem.accuracy)
     met = [k for k, each in enumerate(path) if each.violation <= tolerance]
     if path[-1].violation > tolerance and met:
         path, ends = path[: met[-1] + 1], []
@@ -129,7 +129,7 @@ def _iterates(
     steps along curved constraints violate the constraints a little. The next step is shorter. If
     steps are too short to count, probes find the kinks nearby, or a step of descent.
     """
-    natural, n = natural_tensions(program.task.arm) / program.unit, program.n
+    natural, n = natural_tensions(program.problem.arm) / program.unit, program.n
     radius, penalty, recent = _RADIUS, _FIRST_PENALTY, [at]
     kinks, progress = Kinks(), Progress.begin(at)
     # The effort's, to be updated to that of the Lagrangian.
@@ -346,7 +346,7 @@ def probed(program: TensionProgram, at: Constraints) -> Conditions:
     The step is tried over a short distance. If the merit does not decrease as predicted, a kink
     lies between both points, and the conditions are those of the pieces on both sides.
     """
-    natural = natural_tensions(program.task.arm) / program.unit
+    natural = natural_tensions(program.problem.arm) / program.unit
     reach, kinks = _PROBE, Kinks()
     for _ in range(_PROBES):
         check_time()

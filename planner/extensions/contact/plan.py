@@ -19,7 +19,7 @@ from octoplan.planner.extensions.contact.load_path import settled_along
 from octoplan.planner.extensions.contact.search import optimality_of
 from octoplan.planner.linearised_blocks import STABILITY, active_margin
 from octoplan.planner.plan_result import Plan
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +57,7 @@ class ContactPlan(Plan):
         leans = "It keeps clear of what it may lean on; leaning was not tried."
         return f"{text} {leans}" if self.beside and self.reached else text
 
-    def program(self) -> Problem:
+    def program(self) -> ProgramInstance:
         """See Plan.program: without contacts, if the arm keeps clear of the bodies."""
         return self.beside.program() if self.beside else super().program()
 

@@ -189,7 +189,7 @@ class Constraints:
 
 
 class TensionProgram:
-    """The program of a task in scaled tensions, on a mesh of a refinement.
+    """The program of a problem in scaled tensions, on a mesh of a refinement.
 
     Attributes
     ----------
@@ -206,16 +206,22 @@ class TensionProgram:
     """
 
     def __init__(
-        self, task: PlanningProblem, refinement: int, least: float = 0.0, load_path: LoadPath = ()
+        self,
+        problem: PlanningProblem,
+        refinement: int,
+        least: float = 0.0,
+        load_path: LoadPath = (),
     ) -> None:
-        self.task, self.least, self.refinement = task, least, refinement
-        self._stations = task.target_set.stations
-        self.map = TouchingMap(task.arm, task.scene, refinement, self._stations, task.machine_code)
-        self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
-        self.holds = [target for target in task.targets if isinstance(target, Hold)]
-        self._terms, self._numbers = task.target_set.terms, task.target_set.numbers
+        self.problem, self.least, self.refinement = problem, least, refinement
+        self._stations = problem.target_set.stations
+        self.map = TouchingMap(
+            problem.arm, problem.scene, refinement, self._stations, problem.machine_code
+        )
+        self.unit, self.n = float(natural_tensions(problem.arm).max()), problem.arm.n_tendons
+        self.holds = [target for target in problem.targets if isinstance(target, Hold)]
+        self._terms, self._numbers = problem.target_set.terms, problem.target_set.numbers
         self._counts = self._terms.count, len(self._terms.names[2])
-        self.begin = self.along(load_path) if rubs(task.scene) else None
+        self.begin = self.along(load_path) if rubs(problem.scene) else None
 
     def with_wrenches(self, share: float) -> TensionProgram:
         """Return the program for a share of all wrenches on held objects."""
@@ -253,7 +259,7 @@ class TensionProgram:
         The linearisation is at given tangential forces; at the best forces if none are given, or if
         the set of contacts changes. Raises the errors of settling.
         """
-        allowed = self.task.allowed
+        allowed = self.problem.allowed
         lower, upper = np.array(allowed.lower), np.array(allowed.upper)
         # Steps are within limits to the rounding of the conic program.
         T = np.clip(self.unit * tensions, lower, upper)
@@ -298,7 +304,7 @@ class TensionProgram:
         inequalities of the targets, then the numbers of the grasp. Raises UnsettledContactError if
         the arm does not touch a held object.
         """
-        system, arm = point.system, self.task.arm
+        system, arm = point.system, self.problem.arm
         nodes = system.layout.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
         touches, bodies = ContactFlags.of(system), contacts(system.scene)
         which, step = np.nonzero(touches.touching), _STEP * arm.length
@@ -369,7 +375,7 @@ class TensionProgram:
         """
         _, slope = stability_slope(point)
         touches = contact_places(point.system.layout).touches
-        step = _STEP * self.task.arm.length
+        step = _STEP * self.problem.arm.length
         for i, place in enumerate(places):
             node = point.system.mesh.node(place.start)
             rate = point.by_tensions[touches[node, place.obstacle, 1]]

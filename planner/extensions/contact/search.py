@@ -73,8 +73,8 @@ class ContactSearch:
     no other start.
     """
 
-    def __init__(self, task: PlanningProblem, begin: LoadPath | None = None) -> None:
-        self.task, self.begin = task, begin
+    def __init__(self, problem: PlanningProblem, begin: LoadPath | None = None) -> None:
+        self.problem, self.begin = problem, begin
         self.optima = list[ContactOptimum]()
         self.best: ContactOptimum | None = None
 
@@ -85,7 +85,7 @@ class ContactSearch:
         """
         stopped, nearby = False, [] if self.begin is None else [self.begin]
         try:
-            self._search_with_friction() if rubs(self.task.scene) else self._search(nearby)
+            self._search_with_friction() if rubs(self.problem.scene) else self._search(nearby)
             check_time()
         except OutOfTime:
             stopped = True
@@ -96,12 +96,14 @@ class ContactSearch:
             best = replace(best, load_path=best.load_path[:legs])
         trials, exact = _trials(self.optima), best is not None and not best.violation
         mesh = FINE if best is None else max(best.refinement, FINE)
-        options = self.task.options.replace(mode="exact" if exact else "nearest", refinement=mesh)
+        options = self.problem.options.replace(
+            mode="exact" if exact else "nearest", refinement=mesh
+        )
         if best is None:
-            path = self.begin or (self.task.allowed.lower,)
-            T = self.task.arm.by_section(np.array(path[-1]))
+            path = self.begin or (self.problem.allowed.lower,)
+            T = self.problem.arm.by_section(np.array(path[-1]))
             return Solution(options, T, (), (), trials, stopped, load_path=path)
-        T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
+        T, multipliers = self.problem.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
         options, way = options.replace(modes=len(best.lam_g)), best.load_path
         return Solution(options, T, *multipliers, trials, stopped, load_path=way)
 
@@ -112,16 +114,16 @@ class ContactSearch:
         the tensions of the optimum without friction, and beyond.
         """
         if self.begin is None:
-            lower = np.array(self.task.allowed.lower)
-            self.begin = from_rest(self.task.arm, lower, self.task.scene)
+            lower = np.array(self.problem.allowed.lower)
+            self.begin = from_rest(self.problem.arm, lower, self.problem.scene)
         # The optimum without friction, from the begin of the motion.
-        smooth = replace(self.task, scene=without_friction(self.task.scene), guesses=2)
+        smooth = replace(self.problem, scene=without_friction(self.problem.scene), guesses=2)
         free = np.ravel(ContactSearch(smooth, self.begin).run().tensions)
-        program = TensionProgram(self.task, FINE, load_path=self.begin)
+        program = TensionProgram(self.problem, FINE, load_path=self.begin)
         assert program.begin is not None
-        for factor in _SLID[: self.task.guesses]:
+        for factor in _SLID[: self.problem.guesses]:
             T = program.begin.tensions
-            start = np.maximum(T + factor * (free - T), self.task.allowed.lower)
+            start = np.maximum(T + factor * (free - T), self.problem.allowed.lower)
             with suppress(OctoplanError):
                 end = replace(optimum(program, program.begin, start), load_path=self.begin)
                 self.optima.append(end)
@@ -135,19 +137,19 @@ class ContactSearch:
         which two may have many times the least effort. If three guesses miss the targets with the
         default stability margin, the search continues without margin from the nearest of these.
         """
-        task, stated = self.task, self.task.options
-        hasty = task.best_margin and stated.margin > stated.floor
-        coarse = TensionProgram(task, COARSE, stated.stability_bound)
-        fine = TensionProgram(task, FINE, stated.stability_bound)
-        from_all = np.inf if task.guesses else N_EQUAL_OPTIMA + bool(coarse.holds)
+        problem, stated = self.problem, self.problem.options
+        hasty = problem.best_margin and stated.margin > stated.floor
+        coarse = TensionProgram(problem, COARSE, stated.stability_bound)
+        fine = TensionProgram(problem, FINE, stated.stability_bound)
+        from_all = np.inf if problem.guesses else N_EQUAL_OPTIMA + bool(coarse.holds)
         guesses: Iterator[tuple[LoadPath, Equilibrium | None]]
-        guesses = (((tuple(T.tolist()),), None) for T in initial_guesses(task))
+        guesses = (((tuple(T.tolist()),), None) for T in initial_guesses(problem))
         if coarse.holds:
             guesses = chain.from_iterable(arms_that_touch(coarse, hold) for hold in coarse.holds)
         begun = ((load_path, None) for load_path in nearby)
         n_left = 0
         for tried, (load_path, touching) in enumerate(chain(begun, guesses), 1):
-            report("initial guesses", tried - 1, task.max_guesses)
+            report("initial guesses", tried - 1, problem.max_guesses)
             is_from_rest = tried > len(nearby)
             with suppress(OctoplanError):
                 point = touching or coarse.along(load_path)
@@ -163,11 +165,11 @@ class ContactSearch:
                     self.best = self._refined_optimum(fine, end)
             enough = n_equal_optima(_trials(self.optima)) >= (from_all if is_from_rest else needed)
             missed = hasty and self.best is None and len(self.optima) > N_EQUAL_OPTIMA
-            if enough or missed or tried == task.max_guesses:
+            if enough or missed or tried == problem.max_guesses:
                 break
         ends = sorted(self.optima, key=attrgetter("cost"))
         if hasty and self.best is None:
-            self.task = replace(task, options=stated.replace(margin=0.0), best_margin=False)
+            self.problem = replace(problem, options=stated.replace(margin=0.0), best_margin=False)
             self._search([end.load_path for end in ends[:1]], from_all)
             return
         for end in () if self.best else ends:
@@ -180,12 +182,12 @@ class ContactSearch:
 
         Raises UnsettledContactError if the arm does not reach the optimum.
         """
-        arm, scene, T = self.task.arm, self.task.scene, end.point.tensions
+        arm, scene, T = self.problem.arm, self.problem.scene, end.point.tensions
         for way in _short_paths(end.load_path):
             with suppress(OctoplanError):
                 begun = time.monotonic()
                 path = (*way, tuple(T.tolist()))
-                shape = settled_along(arm, path, T, scene, ON_THE_PATH, self.task.machine_code)
+                shape = settled_along(arm, path, T, scene, ON_THE_PATH, self.problem.machine_code)
                 per_step = (time.monotonic() - begun) / len(path)
                 there = fine.settled(T, shape.collocated)
                 if close(there, end.point, _SAME):
@@ -205,10 +207,10 @@ class ContactSearch:
             return end
         with suppress(OutOfTime):
             for refinement in _FINER:
-                finer = TensionProgram(self.task, refinement, program.least)
+                finer = TensionProgram(self.problem, refinement, program.least)
                 there = finer.settled(end.point.tensions, end.point)
                 violation = finer.at(end.point.tensions / finer.unit, there).violation
-                if violation <= MET * self.task.accuracy:
+                if violation <= MET * self.problem.accuracy:
                     break
                 end = optimum(finer, there)
         return end
@@ -236,7 +238,7 @@ def with_growing_wrench(
     if not program.holds:
         return begin, path
     still = program.at(begin.tensions / program.unit, begin).grasp.still
-    arm = program.task.arm
+    arm = program.problem.arm
     wrench = np.concatenate([hold.scaled(arm) / hold.size(arm) for hold in program.holds])
     share = float(np.linalg.norm(still - wrench) / np.linalg.norm(wrench))
     share = min(max(share, _LEAST_SHARE), 1.0)
@@ -265,12 +267,12 @@ def _short_paths(load_path: LoadPath) -> Iterator[LoadPath]:
 
 
 def optimality_of(
-    task: PlanningProblem, tensions: Array, shape: Shape, load_path: LoadPath = ()
+    problem: PlanningProblem, tensions: Array, shape: Shape, load_path: LoadPath = ()
 ) -> Optimality:
     """Return the first-order conditions at tensions (n_tendons,), of the shape of a load path."""
     with suppress(OctoplanError):
-        bound = task.options.stability_bound * task.options.modes
-        program = TensionProgram(task, task.options.refinement, bound, load_path)
+        bound = problem.options.stability_bound * problem.options.modes
+        program = TensionProgram(problem, problem.options.refinement, bound, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
         on_mesh = program.begin or program.map.solve(tensions, shape.collocated)
         begin = program.begin or program.settled(tensions, on_mesh)

@@ -99,11 +99,11 @@ class _Arms:
     hits: Mask
 
 
-def _arms_at(task: PlanningProblem, body: Convex, tensions: Array) -> _Arms:
+def _arms_at(problem: PlanningProblem, body: Convex, tensions: Array) -> _Arms:
     """Return the arms without loads under tensions (n, n_tendons)."""
-    others = [each.obstacle for each in contacts(task.scene) if each.obstacle != body]
-    places, s = many_places(task, tensions)
-    radii = task.arm.outer_radius(s)[0]
+    others = [each.obstacle for each in contacts(problem.scene) if each.obstacle != body]
+    places, s = many_places(problem, tensions)
+    radii = problem.arm.outer_radius(s)[0]
 
     def gaps_from(obstacle: Convex) -> Array:
         gaps = obstacle.distance(places.reshape(-1, 3)).reshape(places.shape[:2]) - radii
@@ -116,7 +116,7 @@ def _arms_at(task: PlanningProblem, body: Convex, tensions: Array) -> _Arms:
     return _Arms(tensions, places[each, k], s[k], gaps[each, k], hits)
 
 
-def _before_first_touch(task: PlanningProblem, body: Convex, tensions: Array) -> _Arms:
+def _before_first_touch(problem: PlanningProblem, body: Convex, tensions: Array) -> _Arms:
     """Return the arms at the largest shares of tensions (n, n_tendons) before they touch."""
     n = len(tensions)
     low, width = np.zeros(n), 1.0
@@ -124,10 +124,10 @@ def _before_first_touch(task: PlanningProblem, body: Convex, tensions: Array) ->
         width /= _SHARES
         shares = np.minimum(low[:, None] + width * np.arange(1, _SHARES + 1), 1.0)
         each = (shares[:, :, None] * tensions[:, None]).reshape(-1, tensions.shape[1])
-        touches = _arms_at(task, body, each).gaps.reshape(n, _SHARES) < 0
+        touches = _arms_at(problem, body, each).gaps.reshape(n, _SHARES) < 0
         first = np.where(touches.any(axis=1), touches.argmax(axis=1), _SHARES)
         low = np.minimum(low + first * width, 1.0)
-    return _arms_at(task, body, low[:, None] * tensions)
+    return _arms_at(problem, body, low[:, None] * tensions)
 
 
 def arms_that_touch(program: TensionProgram, hold: Hold) -> Iterator[tuple[LoadPath, Equilibrium]]:
@@ -135,7 +135,7 @@ def arms_that_touch(program: TensionProgram, hold: Hold) -> Iterator[tuple[LoadP
 
     An arm that the loads press on something at rest settles with all of its tensions instead.
     """
-    for tensions in _arms_beside(program.task, hold):
+    for tensions in _arms_beside(program.problem, hold):
         check_time()
         with suppress(OctoplanError):
             found = _touching(program, tensions)
@@ -143,7 +143,7 @@ def arms_that_touch(program: TensionProgram, hold: Hold) -> Iterator[tuple[LoadP
                 yield found
 
 
-def _arms_beside(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
+def _arms_beside(problem: PlanningProblem, hold: Hold) -> Iterator[Array]:
     """Yield tensions of free arms next to the held object.
 
     The starts are arms without loads. For each, a plan finds the tensions that bring the nearest
@@ -151,24 +151,24 @@ def _arms_beside(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
     force at this place would leave least of the wrench, by increasing effort. Few drawn arms come
     near a small object; as many again are drawn around the nearest arms.
     """
-    arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
-    tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
-    bends = BendCoordinates(arm, tendons, task.allowed)
+    arm, body, rng = problem.arm, hold.obstacle, np.random.default_rng(0)
+    tendons = frozenset(j for j in range(arm.n_tendons) if problem.allowed.upper[j] > 0)
+    bends = BendCoordinates(arm, tendons, problem.allowed)
     points = bends.draw(_DRAWN)
-    first = _arms_at(task, body, bends.tensions(points))
+    first = _arms_at(problem, body, bends.tensions(points))
     # The nearest arms, and the nearest of those whose force would balance most of the wrench.
     left = np.where(first.gaps < _WIDE * arm.length, _left(arm, hold, first), np.inf)
     ranks = np.argsort(first.gaps, kind="stable"), np.lexsort((first.gaps, left.round(1)))
     best = np.concatenate([rank[:_AROUND] for rank in ranks])
     around = np.repeat(points[best], _DRAWN // best.size, axis=0)
     points = np.vstack([points, around * np.exp(_SPREAD * rng.normal(size=around.shape))])
-    arms = _arms_at(task, body, bends.tensions(points))
+    arms = _arms_at(problem, body, bends.tensions(points))
     near = np.flatnonzero(arms.gaps < _NEAR * arm.length)
     near = near[_order(arm, hold, arms, near)][:_FOLLOWED]
     if not near.size:
         return
-    arms = _before_first_touch(task, body, arms.tensions[near])
-    options, scene = task.options.replace(margin=0.0), without_contacts(task.scene)
+    arms = _before_first_touch(problem, body, arms.tensions[near])
+    options, scene = problem.options.replace(margin=0.0), without_contacts(problem.scene)
     bears_loads = is_coupled(arm, scene)
     clear = np.flatnonzero((arms.gaps >= 0) & (arms.gaps < _NEAR * arm.length))
     for i in _with_new_places_first(arm, arms, clear[_order(arm, hold, arms, clear)]):
@@ -176,7 +176,7 @@ def _arms_beside(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
             yield arms.tensions[i]
             continue
         there = Backbone((tuple(arms.places[i].tolist()),), (float(arms.s[i]),))
-        free = replace(task, targets=(there,), scene=scene, options=options)
+        free = replace(problem, targets=(there,), scene=scene, options=options)
         loaded = Multistart(free, "closest").solve_from(arms.tensions[i])
         yield arms.tensions[i] if loaded is None else loaded.tensions
 
@@ -213,7 +213,7 @@ def _touching(program: TensionProgram, tensions: Array) -> tuple[LoadPath, Equil
     object. An arm that presses lightly settles in a small part of the time of an arm that presses
     as hard as the tensions make it. None if there is no such equilibrium.
     """
-    allowed, depth = program.task.allowed, _DEPTH * program.task.arm.length
+    allowed, depth = program.problem.allowed, _DEPTH * program.problem.arm.length
     begin, end = np.zeros(tensions.size), tensions
     path: LoadPath = ()
     free: Equilibrium | None = None
@@ -256,7 +256,7 @@ def _gap_slope(program: TensionProgram, free: Equilibrium) -> tuple[float, Array
 
 def _held(program: TensionProgram) -> list[int]:
     """Return the numbers of the held objects among the contacts of the scene."""
-    bodies = [contact.obstacle for contact in contacts(program.task.scene)]
+    bodies = [contact.obstacle for contact in contacts(program.problem.scene)]
     return [bodies.index(hold.obstacle) for hold in program.holds]
 
 
@@ -265,7 +265,7 @@ def _towards(program: TensionProgram, tensions: Array, slope: Array, wanted: flo
 
     As far as possible, by the linearised equations.
     """
-    allowed = program.task.allowed
+    allowed = program.problem.allowed
     lower, upper = np.array(allowed.lower), np.array(allowed.upper)
     size = wanted / max(float(slope @ slope), SMALLEST)
     change = np.zeros_like(tensions)

@@ -34,7 +34,7 @@ from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Bounds, Problem, tension_scales
+from octoplan.planner.program_instance import Bounds, ProgramInstance, tension_scales
 from octoplan.planner.solution import SolverResult
 from octoplan.planner.solve.ipopt import SIDE_BY_SIDE, WARM
 from octoplan.planner.targets.base import Target
@@ -91,7 +91,7 @@ class DesignProgram:
         The given tasks, without the reach.
     objective_unit : float
         Value of one unit of the program's objective.
-    problems : list of Problem
+    instances : list of ProgramInstance
         The nonlinear program of each task.
     K : int
         Number of unknowns.
@@ -122,19 +122,19 @@ class DesignProgram:
             self.weights = [1 / len(tasks)] * len(tasks)
         self.planned = self.tasks[: len(tasks)]
         stated = NlpOptions(refinement=_REFINEMENT)
-        self.problems = [
-            Problem(PlanningProblem(self.arm, task, scene, limits, stated, _MET))
+        self.instances = [
+            ProgramInstance(PlanningProblem(self.arm, task, scene, limits, stated, _MET))
             for task in self.tasks
         ]
         if objective == "effort":
             self.weights = [
-                problem.effort_unit**2 / self.objective_unit for problem in self.problems
+                instance.effort_unit**2 / self.objective_unit for instance in self.instances
             ]
         self.K = len(parameters.unknowns)
 
     def system(self, i: int, arm: Arm, scene: Scene) -> DiscreteRod:
         """Return the equations of a task for an arm, on nodes that move along with the arm."""
-        nominal = self.problems[i].forward.system
+        nominal = self.instances[i].forward.system
         before = TargetSet(nominal.arm, self.tasks[i]).stations
         after = TargetSet(arm, self.tasks[i]).stations
         return neighbour(nominal, arm, scene, before, after)
@@ -147,13 +147,13 @@ class DesignProgram:
         _, arm, scene = self.parameters.setting(values)
         parameters = list[Array]()
         by_structure = dict[Any, Array]()
-        for i, problem in enumerate(self.problems):
-            targets = problem.target_set
+        for i, instance in enumerate(self.instances):
+            targets = instance.target_set
             directions = tuple(D.tobytes() for D in targets.directions)
             key = targets.stations, targets.requests, directions
             if key not in by_structure:
                 system = self.system(i, arm, scene)
-                by_structure[key] = problem.kernel_parameters(system)
+                by_structure[key] = instance.kernel_parameters(system)
             parameters.append(by_structure[key])
         return [*parameters, self.manufacturing.margins(arm)]
 
@@ -162,9 +162,9 @@ class DesignProgram:
         _, arm, scene = self.parameters.setting(values)
         parts = list[Array]()
         parameters = self.equation_parameters(values)
-        for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
+        for i, (instance, T) in enumerate(zip(self.instances, tensions, strict=True)):
             states = CollocationMap(self.system(i, arm, scene)).solve(T).states
-            parts.append(problem.complete(T, states, parameters[i]))
+            parts.append(instance.complete(T, states, parameters[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 
     def solve(self, values: Array, tensions: Array, fixed: bool = False) -> DesignOptimum:
@@ -199,7 +199,7 @@ class DesignProgram:
         z = x[-self.K :]
         n_margins = self.manufacturing.margins(self.arm).size
         ends = (z, z) if fixed else (np.zeros(self.K), np.ones(self.K))
-        each = [problem.bounds for problem in self.problems]
+        each = [instance.bounds for instance in self.instances]
         bounds = joined(each, ends, (np.zeros(n_margins), np.full(n_margins, np.inf)))
         solution = self.stated.solve(SIDE_BY_SIDE, x, np.zeros(0), bounds)
         if solution.is_finite:
@@ -214,10 +214,10 @@ class DesignProgram:
         f, g = (np.array(v).ravel() for v in self.stated.values(x, []))
         violation = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
         *each, z = self.stated.split(x)
-        pairs = zip(self.problems, each, strict=True)
+        pairs = zip(self.instances, each, strict=True)
         return DesignOptimum(
             values=self.parameters.from_fractions(np.clip(z, 0.0, 1.0)),
-            tensions=np.array([problem.tensions(item) for problem, item in pairs]),
+            tensions=np.array([instance.tensions(item) for instance, item in pairs]),
             violation=float(violation) if np.isfinite(violation) else np.inf,
             objective=self.objective_unit * float(f[0]),
         )
@@ -241,8 +241,8 @@ class DesignProgram:
         n_margins = sizes[-1]
         K = self.K
         at = SideBySide(
-            [problem.program.size for problem in self.problems],
-            [problem.program.row_kinds.size for problem in self.problems],
+            [instance.program.size for instance in self.instances],
+            [instance.program.row_kinds.size for instance in self.instances],
             K,
             n_margins,
             0,
@@ -255,14 +255,14 @@ class DesignProgram:
             ClosedForm(self.parameter_jacobian, K, (cuts[-1], K)),
         ]
         parameters, by_z = (ca.vertsplit(callback(z), cuts) for callback in self._callbacks)
-        tasks = zip(self.problems, self.weights, xs, parameters, by_z, lams, strict=False)
+        tasks = zip(self.instances, self.weights, xs, parameters, by_z, lams, strict=False)
         parts = [_part(problem, w, x, n, J, lam, at.sigma) for problem, w, x, n, J, lam in tasks]
         J = ca.horzcat(ca.MX(n_margins, at.ends[-1]), by_z[-1])
         return at.stated(parts, Part(ca.MX(0), ca.MX(K, 1), parameters[-1], J, ca.MX(K, K)))
 
 
 def _part(
-    problem: Problem,
+    instance: ProgramInstance,
     weight: float,
     x: ca.MX,
     parameters: ca.MX,
@@ -277,8 +277,8 @@ def _part(
     objective in the Hessian. The equations are functions of y = (x in SI units, n); the chain rule
     gives the derivatives by (x, z).
     """
-    of = problem.program
-    p = ca.DM(problem.parameters())
+    of = instance.program
+    p = ca.DM(instance.parameters())
     K = by_z.size2()
     unit = of.scale(p)
     row_scale = p[of.parts["row_scale"]]

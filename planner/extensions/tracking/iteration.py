@@ -24,7 +24,7 @@ from octoplan.planner.extensions.tracking.step_program import (
     StepProgram,
     StepSolution,
 )
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solve.refine import defect
 from octoplan.planner.targets.target_set import EQUALITY, INEQUALITY, TargetRows
 
@@ -94,33 +94,33 @@ class Iteration:
 
     Attributes
     ----------
-    problem : Problem
+    instance : ProgramInstance
         The program on its coarse mesh. The stability margin is a row of the step, not a block.
     """
 
-    def __init__(self, problem: Problem, shape: Shape, largest_change: Array) -> None:
+    def __init__(self, instance: ProgramInstance, shape: Shape, largest_change: Array) -> None:
         """Prepare iterations.
 
         Parameters
         ----------
-        problem : Problem
+        instance : ProgramInstance
         shape : Shape
             The first shape; all shapes are settled on its mesh.
         largest_change : (n_tendons,)
             Largest change of each tension in a step [N].
         """
-        self.problem = problem
-        program = problem.program
-        blocks = zip(problem.blocks, program.parameters, strict=True)
+        self.instance = instance
+        program = instance.program
+        blocks = zip(instance.blocks, program.parameters, strict=True)
         self._target_place = next(at for each, at in blocks if isinstance(each, TargetRows))
         self._linearisation = Linearisation(program)
-        self._forward = forward_maps(problem.arm, problem.scene, problem.task.machine_code).on(
-            shape.refinement
-        )
+        self._forward = forward_maps(
+            instance.arm, instance.scene, instance.problem.machine_code
+        ).on(shape.refinement)
         self._error = shape.error
-        self._is_coupled = is_coupled(problem.arm, problem.scene)
-        self._least_effort = _LEAST_EFFORT * self._effort(largest_change / problem.unit)
-        terms = problem.target_set.terms
+        self._is_coupled = is_coupled(instance.arm, instance.scene)
+        self._least_effort = _LEAST_EFFORT * self._effort(largest_change / instance.unit)
+        terms = instance.target_set.terms
         kinds = program.row_kinds[: program.n_design_rows]
         self._weights = np.zeros(kinds.size)
         soft = np.ones(len(terms.names[1]))
@@ -129,10 +129,10 @@ class Iteration:
 
     def first(self, shape: Shape) -> Iterate:
         """Return the iterate at a settled shape; raise the errors of `settle`."""
-        problem = self.problem
-        states = problem.forward.solve(shape.tensions, shape.collocated).states
-        x = problem.complete(shape.tensions, states)
-        multipliers = np.zeros(problem.program.row_kinds.size)
+        instance = self.instance
+        states = instance.forward.solve(shape.tensions, shape.collocated).states
+        x = instance.complete(shape.tensions, states)
+        multipliers = np.zeros(instance.program.row_kinds.size)
         return self._at(x, multipliers, shape, shape.collocated)
 
     def next(
@@ -153,20 +153,20 @@ class Iteration:
         The iterate is None if the arm has no equilibrium near the last one, if the arm buckles, or
         if a solver fails.
         """
-        problem = self.problem
-        p = problem.parameters(defect=at.defect)
+        instance = self.instance
+        p = instance.parameters(defect=at.defect)
         p[self._target_place] = numbers
         solution: StepSolution | None = None
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            model = self._linearisation.at(at.x, problem.parameters_at(at.x, p), at.multipliers)
+            model = self._linearisation.at(at.x, instance.parameters_at(at.x, p), at.multipliers)
             solution = self._step_program(at, model, box, limits).solve()
         if solution is None:
             return None, None, False
         x = at.x + model.step(solution.change)
-        T = np.clip(problem.tensions(x), *box)
+        T = np.clip(instance.tensions(x), *box)
         settled = self._settled(T, at)
         if settled is not None:
-            x[: T.size] = T / problem.unit
+            x[: T.size] = T / instance.unit
             multipliers = model.multipliers(solution.change, solution.rows)
             return self._at(x, multipliers, *settled), solution, False
         for halving in range(1, _HALVINGS + 1):
@@ -180,21 +180,21 @@ class Iteration:
 
         Return None if the arm has no equilibrium nearby.
         """
-        problem = self.problem
+        instance = self.instance
         T = at.tensions + share * (tensions - at.tensions)
         settled = self._settled(T, at)
         if settled is None:
             return None
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            point = problem.forward.solve_from(problem.linearised(at.x), T)
+            point = instance.forward.solve_from(instance.linearised(at.x), T)
             if point is not None:
-                return self._at(problem.complete(T, point.states), at.multipliers, *settled)
+                return self._at(instance.complete(T, point.states), at.multipliers, *settled)
         return None
 
     @property
     def margin(self) -> float:
         """The smallest stability of a shape under loads."""
-        return self.problem.options.stability_bound
+        return self.instance.options.stability_bound
 
     def has_reserve(self, shape: Shape) -> bool:
         """Return whether the stability of a shape is well above its margin."""
@@ -217,7 +217,7 @@ class Iteration:
 
     def terms(self, shape: Shape, numbers: Array) -> tuple[Array, Array, Array]:
         """Return equalities, soft residuals and inequalities of the targets at a shape."""
-        targets = self.problem.target_set
+        targets = self.instance.target_set
         poses = shape.poses(np.array(targets.stations)).ravel()
         equality, soft, inequality, _ = targets.terms.dense(poses, numbers, np.zeros(0))
         return equality.ravel(), soft.ravel(), inequality.ravel()
@@ -226,29 +226,29 @@ class Iteration:
         self, x: Array, multipliers: Array, shape: Shape, tangent: Equilibrium | None
     ) -> Iterate:
         """Return the iterate with unknowns x and a shape under the same tensions."""
-        return Iterate(x, multipliers, defect(self.problem, x, shape), shape, tangent)
+        return Iterate(x, multipliers, defect(self.instance, x, shape), shape, tangent)
 
     def _effort(self, tensions: Array) -> float:
         """Return half the sum of squares of scaled tensions (n_tendons,), over the unit."""
-        T = tensions * self.problem.unit / self.problem.effort_unit
+        T = tensions * self.instance.unit / self.instance.effort_unit
         return float(T @ T) / 2
 
     def _step_program(
         self, at: Iterate, model: QuadraticModel, box: tuple[Array, Array], limits: LinearRows
     ) -> StepProgram:
         """Return the conic program of the next change of the decisions."""
-        problem = self.problem
-        n = problem.program.n_decision
-        m = problem.program.n_design_rows
-        t = problem.arm.n_tendons
+        instance = self.instance
+        n = instance.program.n_decision
+        m = instance.program.n_design_rows
+        t = instance.arm.n_tendons
         x = at.x[:n]
-        lbx, ubx, lbg, ubg = problem.bounds
+        lbx, ubx, lbg, ubg = instance.bounds
         lower = lbx[:n] - x
         upper = ubx[:n] - x
-        lower[:t] = np.maximum(lower[:t], box[0] / problem.unit - x[:t])
-        upper[:t] = np.minimum(upper[:t], box[1] / problem.unit - x[:t])
+        lower[:t] = np.maximum(lower[:t], box[0] / instance.unit - x[:t])
+        upper[:t] = np.minimum(upper[:t], box[1] / instance.unit - x[:t])
         by_decisions = np.zeros((limits.values.size, n))
-        by_decisions[:, :t] = limits.jacobian * problem.unit
+        by_decisions[:, :t] = limits.jacobian * instance.unit
         return StepProgram(
             model=model,
             effort=max(self._effort(x[:t]), self._least_effort),
@@ -277,8 +277,8 @@ class Iteration:
     def _shape(self, point: AnyEquilibrium, at: Iterate) -> Shape:
         """Return the shape of an equilibrium; raise CollapsedError."""
         check_stretch(point)
-        problem = self.problem
-        return Shape(problem.arm, problem.scene, self._error, point, at.shape.refinement)
+        instance = self.instance
+        return Shape(instance.arm, instance.scene, self._error, point, at.shape.refinement)
 
 
 def _equilibrium(

@@ -29,8 +29,8 @@ from scipy.sparse.linalg import SuperLU
 
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.planner.problem import factorised
 from octoplan.planner.program import Program
+from octoplan.planner.program_instance import factorised
 
 
 @dataclass(frozen=True, eq=False)

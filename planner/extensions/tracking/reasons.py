@@ -9,7 +9,7 @@ import numpy as np
 from octoplan.model.paths import Array
 from octoplan.planner.blocks import STRETCH, STROKES, TOTAL_PULL
 from octoplan.planner.extensions.tracking.step_program import StepSolution
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 
 # Smallest multiplier of an active limit, over the largest one [-].
 _ACTIVE = 1e-3
@@ -49,18 +49,18 @@ class StepLimits:
 
 
 def limit_names(
-    problem: Problem, limits: StepLimits, solution: StepSolution, begin: Array, end: Array
+    instance: ProgramInstance, limits: StepLimits, solution: StepSolution, begin: Array, end: Array
 ) -> list[str]:
     """Return the names of the limits that hold the arm back, by decreasing multiplier.
 
     `begin` and `end` (n_tendons,) are the tensions before and after the step [N].
     """
-    arm = problem.arm
-    tolerance = _AT_LIMIT * problem.unit
-    lower = np.array(problem.limits.lower)
-    upper = np.array(problem.limits.upper)
+    arm = instance.arm
+    tolerance = _AT_LIMIT * instance.unit
+    lower = np.array(instance.limits.lower)
+    upper = np.array(instance.limits.upper)
     lam = solution.bounds[: arm.n_tendons]
-    rows = problem.program.row_kinds[: solution.rows.size]
+    rows = instance.program.row_kinds[: solution.rows.size]
     sizes = np.abs(np.concatenate([solution.bounds, solution.rows, solution.limits]))
     least = _ACTIVE * float(sizes.max(initial=0.0))
     active = list[tuple[float, str]]()
@@ -88,7 +88,7 @@ def limit_names(
     # The further limits are the stability, if its margin is near, and the rates of all strokes.
     of_rates = solution.limits[solution.limits.size % arm.n_tendons :]
     if solution.limits.size > of_rates.size and abs(solution.limits[0]) > least:
-        text = STABILITY.format(problem.options.stability_bound)
+        text = STABILITY.format(instance.options.stability_bound)
         active.append((abs(float(solution.limits[0])), text))
     for j in np.flatnonzero(np.abs(of_rates) > least).tolist():
         text = f"the stroke rate of {arm.tendon_name(j)}"

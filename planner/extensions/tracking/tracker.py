@@ -37,7 +37,7 @@ from octoplan.planner.extensions.warm_start import jump
 from octoplan.planner.limits import natural_tensions
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import check_targets
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solution import STABILITY_TOLERANCE
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.target_set import TargetSet
@@ -133,26 +133,28 @@ class Tracker:
         compile: Compile | None = None,  # noqa: A002  (the name that scripts use)
     ) -> None:
         _check_plan(plan)
-        task = plan.problem
+        problem = plan.problem
         if compile is not None:
-            task = replace(task, machine_code=checked_compile(compile))
+            problem = replace(problem, machine_code=checked_compile(compile))
         rates = Rates.of(plan.arm, rate_max, stroke_rate_max)
         self._limits = _step_limits(plan.arm, rate, rates)
-        problem = Problem(task, task.options.replace(modes=0))
-        code = task.machine_code
-        shape = settle(plan.arm, plan.tensions, task.scene, task.accuracy, code, near=plan.shape)
-        self._iteration = Iteration(problem, shape, self._limits.largest)
+        instance = ProgramInstance(problem, problem.options.replace(modes=0))
+        code = problem.machine_code
+        shape = settle(
+            plan.arm, plan.tensions, problem.scene, problem.accuracy, code, near=plan.shape
+        )
+        self._iteration = Iteration(instance, shape, self._limits.largest)
         self._last = self._iteration.first(shape)
         self._stability: StabilityRow | None = None
         if not self._iteration.has_reserve(shape):
             self._stability = self._iteration.stability_row(shape)
         # Find the multipliers, and the optimum on the mesh of the tracker.
-        self._moved(task.target_set.numbers)
+        self._moved(problem.target_set.numbers)
 
     @property
     def tensions(self) -> Array:
         """The tensions of the last step, in the shape of `Plan.tensions` [N]."""
-        return self._iteration.problem.arm.by_section(self._last.tensions)
+        return self._iteration.instance.arm.by_section(self._last.tensions)
 
     @property
     def shape(self) -> Shape:
@@ -195,10 +197,10 @@ class Tracker:
 
     def _numbers(self, target: Target | Iterable[Target]) -> Array:
         """Return the parameters of targets; raise InputError for targets of another kind."""
-        problem = self._iteration.problem
-        known = problem.target_set
-        each = check_targets(problem.arm, target)
-        given = TargetSet(problem.arm, each)
+        instance = self._iteration.instance
+        known = instance.target_set
+        each = check_targets(instance.arm, target)
+        given = TargetSet(instance.arm, each)
         is_alike = (
             [type(one) for one in each] == [type(one) for one in known.each]
             and given.stations == known.stations
@@ -217,9 +219,9 @@ class Tracker:
     def _advanced(self, numbers: Array) -> _Advance:
         """Return the last iterate of a step for the parameters of targets."""
         begin = self._last
-        problem = self._iteration.problem
-        lower = np.array(problem.limits.lower)
-        upper = np.array(problem.limits.upper)
+        instance = self._iteration.instance
+        lower = np.array(instance.limits.lower)
+        upper = np.array(instance.limits.upper)
         change = self._limits.change
         box = (
             np.maximum(lower, begin.tensions - change),
@@ -237,7 +239,9 @@ class Tracker:
             size = float(np.abs(following.tensions).max())
             moved = float(np.abs(following.tensions - at.tensions).max())
             at = following
-            is_near = self._miss(at.shape, numbers) <= problem.task.accuracy or solution.miss > 0
+            is_near = (
+                self._miss(at.shape, numbers) <= instance.problem.accuracy or solution.miss > 0
+            )
             if is_near and moved <= _SMALL_CHANGE * size and not is_shortened:
                 return _Advance(at, solution, count, True, "")
         reason = _BRANCH_ENDS if is_shortened else ""
@@ -258,7 +262,7 @@ class Tracker:
             lower = np.array([min(self._iteration.margin, value)])
             upper = np.array([np.inf])
         if np.isfinite(self._limits.stroke):
-            L = self._iteration.problem.arm.length
+            L = self._iteration.instance.arm.length
             change = (at.shape.tendon_lengths - begin.shape.tendon_lengths) / L
             largest = np.full(n, self._limits.stroke / L)
             values = np.append(values, change)
@@ -306,13 +310,13 @@ class Tracker:
 
     def _result(self, begin: Iterate, advance: _Advance, numbers: Array) -> TrackedStep:
         """Return the result of a step."""
-        problem = self._iteration.problem
-        arm = problem.arm
+        instance = self._iteration.instance
+        arm = instance.arm
         shape = advance.end.shape
         T = shape.tensions
-        limits = problem.limits
+        limits = instance.limits
         misses = np.concatenate(self._iteration.terms(shape, numbers))
-        terms = problem.target_set.terms
+        terms = instance.target_set.terms
         names = [name for each in terms.names[:3] for name in each]
         misses[terms.count :] = np.minimum(misses[terms.count :], 0.0)
         residuals = {
@@ -322,7 +326,7 @@ class Tracker:
             for name in dict.fromkeys(names)
         }
         # NaN is not reached.
-        reached = all(value <= problem.task.accuracy for value in residuals.values())
+        reached = all(value <= instance.problem.accuracy for value in residuals.values())
         reasons = [] if reached else self._reasons(begin, advance)
         # Limits of the change keep the effort from its minimum.
         held = np.any(np.abs(T - begin.tensions) >= (1 - _HELD_RTOL) * self._limits.change)
@@ -357,7 +361,7 @@ class Tracker:
         names = list[str]()
         if advance.solution is not None:
             names = limit_names(
-                self._iteration.problem,
+                self._iteration.instance,
                 self._limits,
                 advance.solution,
                 begin.tensions,

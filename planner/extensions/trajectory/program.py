@@ -28,8 +28,8 @@ from octoplan.planner.extensions.base_joints.block import JointBlock
 from octoplan.planner.extensions.base_joints.placement import JointPlacement
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
-from octoplan.planner.problem import Problem, tension_scales
 from octoplan.planner.program import Program
+from octoplan.planner.program_instance import ProgramInstance, tension_scales
 from octoplan.planner.solution import SolverResult
 from octoplan.planner.solve.ipopt import SIDE_BY_SIDE, WARM
 
@@ -47,14 +47,17 @@ class MotionProgram:
     """Program over all waypoints of a motion."""
 
     def __init__(
-        self, question: Question, waypoints: Sequence[Waypoint], problems: Sequence[Problem]
+        self,
+        question: Question,
+        waypoints: Sequence[Waypoint],
+        instances: Sequence[ProgramInstance],
     ) -> None:
-        self._problems = problems
-        guess = [each.guess(w.tensions, True) for w, each in zip(waypoints, problems, strict=True)]
+        self._instances = instances
+        guess = [each.guess(w.tensions, True) for w, each in zip(waypoints, instances, strict=True)]
         # Index of the target to which each waypoint leads.
         group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in waypoints[:-1])])
         fractions = np.array([waypoint.fraction for waypoint in waypoints])
-        programs = tuple(problem.program for problem in problems)
+        programs = tuple(instance.program for instance in instances)
         places, start, rate = _limited(question, programs)
         values = [start, *(x[list(at)] for x, at in zip(guess, places, strict=True))]
         slowest = (np.abs(np.diff(values, axis=0)) / rate).max(axis=1, initial=0.0) / fractions
@@ -63,15 +66,15 @@ class MotionProgram:
         np.maximum.at(needed, group, slowest)
         unit = max(float(needed.max()), _LEAST)
         effort = sum(
-            float(problem.program.evaluate(x, problem.parameters())[0][0])
-            for problem, x in zip(problems, guess, strict=True)
+            float(instance.program.evaluate(x, instance.parameters())[0][0])
+            for instance, x in zip(instances, guess, strict=True)
         )
         penalty = max(effort, _LEAST) * unit / max(float(needed.sum()), _LEAST)
         weights = np.array([_WEIGHT, penalty]) / (1.0 if question.steps is None else _WEIGHT)
         self._values = [weights, start, rate * unit, fractions]
         coupling = np.zeros(2 * rate.size * len(waypoints))
         self._bounds = joined(
-            [problem.bounds for problem in problems],
+            [instance.bounds for instance in instances],
             (prescribed / unit, np.full(prescribed.size, np.inf)),
             (coupling - np.inf, coupling),
         )
@@ -104,8 +107,8 @@ class MotionProgram:
 
     def _parameters(self, each: Sequence[Array], x: Array) -> Array:
         """Return the parameters of the program, with the signs of modes as in variables x."""
-        of_each = zip(self._problems, self._stated.split(x), each, strict=False)
-        parts = [problem.parameters_at(part, p) for problem, part, p in of_each]
+        of_each = zip(self._instances, self._stated.split(x), each, strict=False)
+        parts = [instance.parameters_at(part, p) for instance, part, p in of_each]
         return np.concatenate([*self._values, *parts])
 
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.planner.problem import Bounds
 from octoplan.planner.program import Nlp
+from octoplan.planner.program_instance import Bounds
 from octoplan.planner.solution import SolverResult
 from octoplan.planner.solve.ipopt import Options, nlp_solver, run_solver
 

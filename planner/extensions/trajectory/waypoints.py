@@ -32,7 +32,7 @@ from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solution import NlpSolution
 from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.multistart import Multistart
@@ -81,34 +81,34 @@ class Waypoints:
     def _optimum(self, options: NlpOptions) -> list[Waypoint] | None:
         """Return the optimal waypoints; return None if this fails or the arm is unstable."""
         waypoints = self.waypoints
-        problems = [self._problem(waypoint, options) for waypoint in waypoints]
-        program = MotionProgram(self.question, waypoints, problems)
-        parameters = [problem.parameters() for problem in problems]
+        instances = [self._instance(waypoint, options) for waypoint in waypoints]
+        program = MotionProgram(self.question, waypoints, instances)
+        parameters = [instance.parameters() for instance in instances]
         solution = None
         for k in range(CORRECTIONS):
             report("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(parameters, solution)
             if not solution.converged:
                 return None
-            if not k and not all(map(Problem.is_stable, problems, unknowns)):
+            if not k and not all(map(ProgramInstance.is_stable, instances, unknowns)):
                 return None
-            tensions = map(Problem.tensions, problems, unknowns)
-            joints = map(Problem.base_joints, problems, unknowns)
+            tensions = map(ProgramInstance.tensions, instances, unknowns)
+            joints = map(ProgramInstance.base_joints, instances, unknowns)
             each = zip(waypoints, tensions, joints, strict=True)
             waypoints = [replace(waypoint, tensions=T, base=base) for waypoint, T, base in each]
-            parameters = list(map(self._corrected, problems, unknowns, parameters))
+            parameters = list(map(self._corrected, instances, unknowns, parameters))
             if program.violation(solution, parameters) <= self.question.accuracy / SAFETY_FACTOR:
                 break
         return waypoints
 
-    def _problem(self, waypoint: Waypoint, options: NlpOptions) -> Problem:
+    def _instance(self, waypoint: Waypoint, options: NlpOptions) -> ProgramInstance:
         """Return the problem of a waypoint, with tendon lengths if stroke rates are limited."""
         question = self.question
         limits = question.limits
         if limits.strokes is None and np.isfinite(question.rates.pace):
             free = (np.inf,) * question.arm.n_tendons
             limits = replace(limits, strokes=(tuple(np.negative(free).tolist()), free))
-        task = PlanningProblem(
+        problem = PlanningProblem(
             question.arm,
             waypoint.targets,
             question.scene,
@@ -118,33 +118,33 @@ class Waypoints:
             placement=question.placement and question.placement.at(()),
             machine_code=question.machine_code,
         ).at_base(waypoint.base)
-        return Problem(task, options, waypoint.blocks(question.arm))
+        return ProgramInstance(problem, options, waypoint.blocks(question.arm))
 
-    def _corrected(self, problem: Problem, x: Array, p: Array) -> Array:
+    def _corrected(self, instance: ProgramInstance, x: Array, p: Array) -> Array:
         """Return parameters p with the defect of the mesh, from the shape that settles nearby.
 
         For a crushed arm, the defect of the smallest stretch is used. If the arm does not settle,
         the defect is unchanged; the certificate then reports the error.
         """
-        task = problem.task.at_base(problem.base_joints(x))
-        point = problem.linearised(x)
-        before = p[problem.program.parts["defect"]]
-        near = Shape(task.arm, task.scene, np.inf, point, problem.options.refinement)
+        problem = instance.problem.at_base(instance.base_joints(x))
+        point = instance.linearised(x)
+        before = p[instance.program.parts["defect"]]
+        near = Shape(problem.arm, problem.scene, np.inf, point, instance.options.refinement)
         try:
             settled = settle(
-                task.arm,
+                problem.arm,
                 point.tensions,
-                task.scene,
-                task.reference_accuracy,
-                compile=task.machine_code,
+                problem.scene,
+                problem.reference_accuracy,
+                compile=problem.machine_code,
                 near=near,
             )
-            error = defect(problem, x, settled)
+            error = defect(instance, x, settled)
         except CollapsedError as crushed:
-            error = collapse_defect(problem, x, crushed, before)
+            error = collapse_defect(instance, x, crushed, before)
         except OctoplanError:
             error = before
-        return problem.parameters(defect=error)
+        return instance.parameters(defect=error)
 
     def _continued(self, first: Plan) -> list[Waypoint] | None:
         """Return the optimum of each target alone, continued from the plan of the first target.
@@ -160,17 +160,19 @@ class Waypoints:
         optimum: NlpSolution | None = None
         for targets in others:
             waypoint = replace(waypoint, targets=targets)
-            problem = self._problem(waypoint, self.options)
-            if optimum and problem.program is optimum.problem.program:
+            instance = self._instance(waypoint, self.options)
+            if optimum and instance.program is optimum.instance.program:
                 x = optimum.x
                 multipliers = (optimum.lam_x, optimum.lam_g)
             else:
-                x = problem.guess(waypoint.tensions, True)
+                x = instance.guess(waypoint.tensions, True)
                 multipliers = None
-            optimum = solve(problem, x, problem.parameters(), problem.bounds, multipliers, "follow")
+            optimum = solve(
+                instance, x, instance.parameters(), instance.bounds, multipliers, "follow"
+            )
             if not optimum.converged:
                 return None
-            base = problem.base_joints(optimum.x)
+            base = instance.base_joints(optimum.x)
             waypoint = replace(waypoint, tensions=optimum.tensions, base=base)
             waypoints.append(waypoint)
         return waypoints if optimum is None or _is_best(optimum) else None
@@ -201,10 +203,10 @@ def _largest_change(before: Array, T: Array) -> float:
 
 def _is_best(optimum: NlpSolution) -> bool:
     """Return whether initial guesses lead to no better optimum."""
-    task = optimum.problem.task
-    guesses = Search(task).guesses()
-    blocks = optimum.problem.extensions
-    return Multistart(task, "exact", guesses, blocks).confirms(optimum)
+    problem = optimum.instance.problem
+    guesses = Search(problem).guesses()
+    blocks = optimum.instance.extensions
+    return Multistart(problem, "exact", guesses, blocks).confirms(optimum)
 
 
 def planned_touching(question: Question) -> list[Waypoint]:

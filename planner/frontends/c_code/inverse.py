@@ -13,7 +13,7 @@ from octoplan.planner.frontends.c_code.source import Precision, numbers
 from octoplan.planner.limits import Limits
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
-from octoplan.planner.problem import tension_scales
+from octoplan.planner.program_instance import tension_scales
 from octoplan.planner.targets import TipPosition
 
 # Tolerances: miss over the arm length; slope of the effort over the largest tension; softness of

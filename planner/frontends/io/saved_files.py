@@ -70,30 +70,30 @@ def load_plan(
     saved = checked(read_json(path_of(path), schema_name(PlanRecord)), SavedPlan, name)
     question = saved.question
     answer = saved.answer
-    task = _task(name, question, answer)
+    problem = _task(name, question, answer)
     result = build_at(name, "answer", value_of, answer)
-    flat = build_at(name, "answer.tensions", task.arm.flat, result.tensions)
-    result = replace(result, tensions=task.arm.by_section(flat))
+    flat = build_at(name, "answer.tensions", problem.arm.flat, result.tensions)
+    result = replace(result, tensions=problem.arm.by_section(flat))
     for key in ("jump", "lost"):
         build_at(name, f"answer.{key}", not_negative, key, getattr(result, key))
     for i, T in enumerate(result.load_path):
-        build_at(name, f"answer.load_path[{i}]", task.arm.flat, T)
+        build_at(name, f"answer.load_path[{i}]", problem.arm.flat, T)
     obstacles = read(Any, question.obstacles)
     around = build_at(
         name,
         "question.obstacles",
         surroundings,
-        task.arm,
-        task.targets,
+        problem.arm,
+        problem.targets,
         obstacles,
         question.clearance,
         question.self_clearance,
     )
-    task = replace(task, environment=around)
+    problem = replace(problem, environment=around)
     if question.base is not None:
-        task = build_at(name, "question.base", placed, task, value_of(question.base))
+        problem = build_at(name, "question.base", placed, problem, value_of(question.base))
         build_at(name, "answer.base", finite_array, "base", result.base, (2,))
-    plan = strategy_of(task, has_obstacles=bool(around)).plan_of(task, result)
+    plan = strategy_of(problem, has_obstacles=bool(around)).plan_of(problem, result)
     _check_multipliers(plan, name)
     with limited_to(None if time_limit is None else positive("time_limit", time_limit)):
         plan.complete()

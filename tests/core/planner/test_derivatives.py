@@ -26,7 +26,7 @@ from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import plan
 from octoplan.planner.limits import Limits, TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.targets import Backbone, TipPosition
 from tests.differences import Array, all_of, check_derivatives, dense, whole
 
@@ -104,7 +104,7 @@ def check_program(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = TendonLimits.of(arm, 20.0)
     options = NlpOptions(mode=mode, refinement=1, modes=modes)
-    problem = Problem(PlanningProblem(arm, targets, scene, limits, options, 1e-6))
+    problem = ProgramInstance(PlanningProblem(arm, targets, scene, limits, options, 1e-6))
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
     x, p, sigma_of, lam_of = given = of.function.mx_in()
     f, _, g, _, H_of = of.function.call(given, True, False)

@@ -20,7 +20,7 @@ from octoplan import (
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solve.reduced_program import ReducedProgram, elastic_step
 from octoplan.planner.solve.stable_descent import descend
 
@@ -31,27 +31,29 @@ SILICONE = Scene.silicone(Weight())
 NEAR_A_FOLD = [0, 0, 0, 1.80655, 0, 1.76756, 0, 0, 0, 0, 0, 0]
 
 
-def problem_at(tensions: list[float], modes: int = 0) -> Problem:
-    """Return the problem of the tip under tensions [N], on the coarse mesh."""
+def problem_at(tensions: list[float], modes: int = 0) -> ProgramInstance:
+    """Return the instance of the tip under tensions [N], on the coarse mesh."""
     tip = tuple(settle(HANGING, tensions, SILICONE).tip.tolist())
     limits = TendonLimits.of(HANGING, 8.0)
     options = NlpOptions(refinement=1, modes=modes, margin=0.1)
-    return Problem(PlanningProblem(HANGING, (TipPosition(tip),), SILICONE, limits, options, 1e-6))
+    return ProgramInstance(
+        PlanningProblem(HANGING, (TipPosition(tip),), SILICONE, limits, options, 1e-6)
+    )
 
 
 @pytest.mark.parametrize("modes", [0, 1])
 def test_reduced_derivatives_are_differences_along_equilibria(modes: int) -> None:
-    problem = problem_at(NEAR_A_FOLD, modes)
+    instance = problem_at(NEAR_A_FOLD, modes)
     tensions = np.full(12, 0.05) + 0.1 * np.arange(12)
-    start = problem.forward.solve(tensions)
+    start = instance.forward.solve(tensions)
     rng = np.random.default_rng(0)
     way = rng.normal(size=12)
-    lam = rng.normal(size=ReducedProgram(problem, start, problem.parameters()).rows.size)
+    lam = rng.normal(size=ReducedProgram(instance, start, instance.parameters()).rows.size)
 
     def at(share: float) -> ReducedProgram:
-        end = problem.forward.solve_from(start, tensions + share * way * problem.unit)
+        end = instance.forward.solve_from(start, tensions + share * way * instance.unit)
         assert end is not None
-        return ReducedProgram(problem, end, problem.parameters())
+        return ReducedProgram(instance, end, instance.parameters())
 
     h = 1e-3
     points = [at(k * h) for k in (-2, -1, 0, 1, 2)]
@@ -69,9 +71,9 @@ def test_reduced_derivatives_are_differences_along_equilibria(modes: int) -> Non
 
 
 def test_elastic_step_is_the_minimiser_that_another_solver_finds() -> None:
-    problem = problem_at(NEAR_A_FOLD)
-    start = problem.forward.solve(np.full(12, 0.1))
-    point = ReducedProgram(problem, start, problem.parameters())
+    instance = problem_at(NEAR_A_FOLD)
+    start = instance.forward.solve(np.full(12, 0.1))
+    point = ReducedProgram(instance, start, instance.parameters())
     H = point.hessian(np.zeros(point.rows.size))
     step = elastic_step(point, H, point.rows, 10.0, 0.2)
     assert step is not None
@@ -109,11 +111,11 @@ def test_elastic_step_is_the_minimiser_that_another_solver_finds() -> None:
 
 
 def test_descent_ends_at_a_stable_shape_at_the_target() -> None:
-    problem = problem_at(NEAR_A_FOLD)
-    start = problem.forward.solve_towards(np.zeros(12))
-    optimum = descend(problem, start)
-    end = problem.linearised(optimum.x)
-    tip = problem.task.targets[0].position  # type: ignore[attr-defined]
+    instance = problem_at(NEAR_A_FOLD)
+    start = instance.forward.solve_towards(np.zeros(12))
+    optimum = descend(instance, start)
+    end = instance.linearised(optimum.x)
+    tip = instance.problem.targets[0].position  # type: ignore[attr-defined]
     assert optimum.converged
     assert end.poses[-1, 4:] == pytest.approx(tip, abs=1e-5 * HANGING.length)
     assert is_stable(end, 0.1)
@@ -121,9 +123,9 @@ def test_descent_ends_at_a_stable_shape_at_the_target() -> None:
 
 
 def test_path_to_tensions_ends_if_the_arm_curls_without_end() -> None:
-    problem = problem_at(NEAR_A_FOLD)
+    instance = problem_at(NEAR_A_FOLD)
     tensions = np.array([0, 1.353, 2.817, 0, 1.497, 0, 0, 2.453, 3.439, 0.315, 0, 0])
-    end = problem.forward.solve_towards(tensions)
+    end = instance.forward.solve_towards(tensions)
     share = end.tensions[1] / tensions[1]
     assert end.tensions == pytest.approx(share * tensions)
     assert 0.3 < share < 1
@@ -144,11 +146,11 @@ def test_descent_with_a_defect_may_begin_below_the_margin() -> None:
     plain = problem_at(NEAR_A_FOLD)
     start = plain.forward.solve(np.array(NEAR_A_FOLD))
     margin = 1.01 * settle(HANGING, NEAR_A_FOLD, SILICONE).stability
-    problem = plain.replace(margin=margin)
+    instance = plain.replace(margin=margin)
     assert not is_stable(start, margin)
-    size = problem.measured(problem.complete(start.tensions, start.states)).size
-    found = descend(problem, start, np.zeros(size))
-    without = descend(problem, start)
+    size = instance.measured(instance.complete(start.tensions, start.states)).size
+    found = descend(instance, start, np.zeros(size))
+    without = descend(instance, start)
     assert found.f == pytest.approx(without.f, rel=1e-6)
 
 

@@ -14,7 +14,7 @@ from octoplan.model.paths import Array
 from octoplan.planner import plan
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.solve.multistart import solve_from_guess
 from octoplan.planner.solve.samples import fitted, sample, spread
 from octoplan.planner.solve.search import N_SAMPLED
@@ -47,7 +47,7 @@ THIN = Arm(
 EXACT = Scene(Extension(), ExactTendons())
 
 
-def _task(
+def _problem(
     arm: Arm, place: tuple[float, ...], scene: Scene, maxima: tuple[float, ...]
 ) -> PlanningProblem:
     limits, target = TendonLimits.of(arm, np.array(maxima)), TipPosition(place)  # type: ignore[arg-type]
@@ -101,8 +101,8 @@ def test_the_nearest_of_similar_shapes_is_chosen_on_the_fine_mesh() -> None:
 
 
 def test_the_search_mesh_resolves_tendons_that_turn() -> None:
-    task = _task(HELICAL, PLACE, SHEAR, MAXIMA)
-    forward = Problem(task, task.coarse("nearest")).forward
+    problem = _problem(HELICAL, PLACE, SHEAR, MAXIMA)
+    forward = ProgramInstance(problem, problem.coarse("nearest")).forward
     for T in ([0, 0.118, 0.118, 0.204], [0.1, 0, 0.05, 0.2]):
         tip = settle(HELICAL, T, SHEAR, 1e-8).tip
         on_mesh = forward.solve(np.array(T, dtype=float)).poses[-1, 4:]
@@ -111,11 +111,11 @@ def test_the_search_mesh_resolves_tendons_that_turn() -> None:
 
 @pytest.mark.slow
 def test_the_search_mesh_is_finer_where_samples_curl() -> None:
-    task = _task(THIN, (0.01, 0.0, 0.02), EXACT, (1.5, 1.5, 1.5))
-    samples = sample(task, N_SAMPLED)
-    mesh = samples.task.coarse("nearest").refinement
-    assert mesh > task.coarse("nearest").refinement
-    forward = Problem(samples.task, samples.task.coarse("nearest")).forward
+    problem = _problem(THIN, (0.01, 0.0, 0.02), EXACT, (1.5, 1.5, 1.5))
+    samples = sample(problem, N_SAMPLED)
+    mesh = samples.problem.coarse("nearest").refinement
+    assert mesh > problem.coarse("nearest").refinement
+    forward = ProgramInstance(samples.problem, samples.problem.coarse("nearest")).forward
     nearest = samples.tensions[0]
     tip = settle(THIN, nearest, EXACT, 1e-8).tip
     assert np.linalg.norm(forward.solve(nearest).poses[-1, 4:] - tip) < 1e-2 * THIN.length
@@ -124,31 +124,31 @@ def test_the_search_mesh_is_finer_where_samples_curl() -> None:
 @pytest.mark.slow
 def test_nearest_solves_converge_from_all_corners_of_the_limits() -> None:
     """No optimum is farther off than the corner that the solver started from."""
-    task = _task(HELICAL, PLACE, SHEAR, MAXIMA)
-    problem = Problem(task, task.coarse("nearest"))
+    problem = _problem(HELICAL, PLACE, SHEAR, MAXIMA)
+    instance = ProgramInstance(problem, problem.coarse("nearest"))
     for corner in product((0.0, 1.0), repeat=4):
         T = np.array(MAXIMA) * corner
-        end = solve_from_guess(problem, T)
+        end = solve_from_guess(instance, T)
         assert end.converged, corner
-        start = problem.forward.solve(T).poses[-1, 4:] - PLACE
+        start = instance.forward.solve(T).poses[-1, 4:] - PLACE
         assert np.sqrt(2 * end.f) * HELICAL.length <= np.linalg.norm(start) + 1e-4
 
 
 def test_samples_cover_corners_and_keep_to_the_limits() -> None:
-    task = _task(HELICAL, PLACE, SHEAR, MAXIMA)
-    T = spread(task, 192)
+    problem = _problem(HELICAL, PLACE, SHEAR, MAXIMA)
+    T = spread(problem, 192)
     assert T.shape == (192, 4)
     assert T.min() >= 0 and (np.array(MAXIMA) - T).min() >= 0
     corners = {tuple(corner) for corner in (T / np.array(MAXIMA)).tolist()}
     assert corners >= set(product((0.0, 1.0), repeat=4))
-    total = replace(task, limits=replace(task.limits, lower=(0.01,) * 4, total=0.2))
+    total = replace(problem, limits=replace(problem.limits, lower=(0.01,) * 4, total=0.2))
     T = spread(total, 192)
     assert (T.sum(axis=1) <= 0.2 * (1 + 1e-12)).all() and (T >= 0.01 - 1e-15).all()
 
 
 @pytest.mark.slow
 def test_samples_come_by_the_distance_of_their_settled_tips() -> None:
-    samples = sample(_task(HELICAL, PLACE, SHEAR, MAXIMA), N_SAMPLED)
+    samples = sample(_problem(HELICAL, PLACE, SHEAR, MAXIMA), N_SAMPLED)
     tips = [settle(HELICAL, T, SHEAR, 1e-4).tip for T in samples.tensions[::20]]
     off = np.linalg.norm(np.array(tips) - PLACE, axis=1)
     assert (np.diff(off) > -1e-3 * HELICAL.length).all()
@@ -158,9 +158,9 @@ def test_samples_come_by_the_distance_of_their_settled_tips() -> None:
 @pytest.mark.parametrize("scene", [EXACT, Scene(Extension(), Weight())])
 def test_fits_move_samples_onto_the_target(scene: Scene) -> None:
     tip = settle(THIN, [0.1, 0.03, 0.0], scene).tip
-    task = _task(THIN, tuple(tip.tolist()), scene, (0.35, 0.35, 0.35))
+    problem = _problem(THIN, tuple(tip.tolist()), scene, (0.35, 0.35, 0.35))
     near: Array = np.array([[0.07, 0.05, 0.0], [0.2, 0.1, 0.1], [0.12, 0.0, 0.02]])
-    T, misses = fitted(replace(task, mesh=4), near)
+    T, misses = fitted(replace(problem, mesh=4), near)
     assert (T >= 0).all() and (T <= 0.35).all()
     assert misses.min() < 1e-4
     shape = settle(THIN, T[misses.argmin()], scene)

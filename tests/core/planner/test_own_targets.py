@@ -19,7 +19,7 @@ from octoplan.planner.frontends.c_code.export import export_plan
 from octoplan.planner.limits import Limits
 from octoplan.planner.plan import Strategy
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.targets import Target, TipPosition, target_set
 from octoplan.planner.targets.base import Terms, View
 from octoplan.planner.targets.target_set import TargetSet
@@ -163,7 +163,7 @@ def test_targets_of_equal_expressions_share_a_program() -> None:
     p = plan(ARM, TipPosition(tuple(SHAPE.tip)), PAPER)
     q = plan(ARM, TipPosition(tuple(SHAPE.tip + 0.01)), PAPER)
     same = p.problem.options
-    assert Problem(p.problem, same).program is Problem(q.problem, same).program
+    assert ProgramInstance(p.problem, same).program is ProgramInstance(q.problem, same).program
     one, two = (TargetSet(ARM, (Frozen(z),)) for z in (0.1, 0.1))
     assert one.terms == two.terms
     assert one.terms != TargetSet(ARM, (Frozen(0.2),)).terms

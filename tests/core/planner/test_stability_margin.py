@@ -12,7 +12,7 @@ from octoplan.model.effects import Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.targets import TipPosition
 from tests.differences import check_derivatives, whole
 
@@ -31,7 +31,7 @@ TARGET = TipPosition(tuple(settle(ARM, T, AIR).tip.tolist()))
 
 def test_derivatives_of_a_stability_are_differences_of_it() -> None:
     options = NlpOptions(refinement=1, modes=1)
-    problem = Problem(
+    problem = ProgramInstance(
         PlanningProblem(ARM, (TARGET,), AIR, TendonLimits.of(ARM, 20.0), options, 1e-6)
     )
     check_derivatives(whole(problem, problem.parameters()), problem.guess(T + 0.05), 1e-4)

@@ -11,7 +11,7 @@ from octoplan.model.effects.base import Effect
 from octoplan.model.extensions.friction import Friction
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
-from octoplan.planner.problem import Problem
+from octoplan.planner.program_instance import ProgramInstance
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
 from tests.core.stiffness.cases import IN_WATER, Array, pulling
 from tests.differences import check_derivatives, whole
@@ -50,11 +50,13 @@ PROGRAMS: dict[str, Case] = {
 }
 
 
-def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Problem, Array, Array]:
+def stated(
+    arm: Arm, effects: tuple[Effect, ...], target: Target
+) -> tuple[ProgramInstance, Array, Array]:
     """Return a small problem with a stiffness, its parameters, and unknowns at settled tensions."""
     targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), TendonLimits.of(arm, 20.0)
     options = NlpOptions(refinement=1)
-    problem = Problem(PlanningProblem(arm, targets, Scene(*effects), limits, options, 1e-6))
+    problem = ProgramInstance(PlanningProblem(arm, targets, Scene(*effects), limits, options, 1e-6))
     p, rng = problem.parameters(), np.random.default_rng(5)
     return problem, p, problem.guess(rng.uniform(0.05, 0.3, arm.n_tendons))
 

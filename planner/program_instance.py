@@ -1,8 +1,7 @@
-"""Problems: a program with the numbers of a planning problem.
+"""Instances: a program with the numbers of a planning problem.
 
-A PlanningProblem is the question; a Program has symbols; a Problem joins both: the program of the
-question's structure with numbers for all parameters, bounds and scales. Variables of type
-PlanningProblem are named `task` in the search, and Problem is `problem`.
+A PlanningProblem is the question; a Program has symbols; a ProgramInstance joins both: the program
+of the question's structure with numbers for all parameters, bounds and scales.
 """
 
 from __future__ import annotations
@@ -61,12 +60,12 @@ LARGEST_BOUND = 1e12
 NO_EFFECT = 5e-7
 
 
-class Problem:
+class ProgramInstance:
     """A planning problem in scaled unknowns: a program with numbers.
 
     Attributes
     ----------
-    task : PlanningProblem
+    problem : PlanningProblem
         Arm, scene, targets, limits and accuracy.
     options : NlpOptions
     limits : TendonLimits
@@ -92,18 +91,18 @@ class Problem:
 
     def __init__(
         self,
-        task: PlanningProblem,
+        problem: PlanningProblem,
         options: NlpOptions | None = None,
         blocks: Sequence[Block] = (),
     ) -> None:
-        self.task = task
-        self.arm = task.arm
-        self.scene = task.scene
-        self.target_set = task.target_set
-        self.limits = task.allowed
-        self.options = options or task.options
+        self.problem = problem
+        self.arm = problem.arm
+        self.scene = problem.scene
+        self.target_set = problem.target_set
+        self.limits = problem.allowed
+        self.options = options or problem.options
         self.extensions = tuple(blocks)
-        self.unit = tension_scales(task.arm, task.limits)
+        self.unit = tension_scales(problem.arm, problem.limits)
         self.effort_unit = self._effort_unit()
         stations = sorted({*self.target_set.stations, *(s for b in blocks for s in b.stations())})
         rod = self._rod(tuple(stations))
@@ -112,7 +111,7 @@ class Problem:
         self.blocks = (
             *([PeakTension()] if self.options.norm == "inf" else []),
             TargetRows.of(self.target_set, self.options.mode),
-            *(task.placement.blocks(self.options.norm) if task.placement else ()),
+            *(problem.placement.blocks(self.options.norm) if problem.placement else ()),
             *blocks,
             self.stretch,
             *self._limited_blocks(rod),
@@ -129,15 +128,15 @@ class Problem:
 
     def _rod(self, stations: tuple[float, ...]) -> DiscreteRod:
         """Return the rod on the mesh of the options, with nodes at the stations."""
-        task = self.task
+        problem = self.problem
         return system(
-            task.arm,
-            task.scene,
+            problem.arm,
+            problem.scene,
             STAGES,
             self.options.refinement,
             stations,
-            is_coupled(task.arm, task.scene) or bool(self.target_set.requests),
-            task.machine_code,
+            is_coupled(problem.arm, problem.scene) or bool(self.target_set.requests),
+            problem.machine_code,
             STEPS_PER_UNIT,
         )
 
@@ -170,13 +169,13 @@ class Problem:
         """
         terms = self.target_set.terms
         effort_alone = self.options.mode == "exact" and not terms.names[3]
-        if effort_alone and terms.count <= self.task.n_controls:
+        if effort_alone and terms.count <= self.problem.n_controls:
             return float(self.unit.max())
         return effort_unit(self.arm)
 
-    def replace(self, **changes: Any) -> Problem:
+    def replace(self, **changes: Any) -> ProgramInstance:
         """Return the same problem with some options changed."""
-        return Problem(self.task, self.options.replace(**changes), self.extensions)
+        return ProgramInstance(self.problem, self.options.replace(**changes), self.extensions)
 
     def kernel_parameters(self, rod: DiscreteRod) -> Array:
         """Return the parameters of all kernels (n,), for a rod of the same layout."""
@@ -189,7 +188,7 @@ class Problem:
         """Return all parameters of the program, without a defect."""
         program, p = self.program, np.zeros(self.program.p.numel())
         state_scale, row_scale = _scales(program, rod)
-        weight = FINAL_WEIGHT * min(self.task.accuracy / ACCURACY, 1.0)
+        weight = FINAL_WEIGHT * min(self.problem.accuracy / ACCURACY, 1.0)
         values: dict[str, Array | float] = {
             "T_ref": self.effort_unit,
             "weight": weight,
@@ -288,7 +287,7 @@ class Problem:
         tensions, joints = np.split(controls, [self.arm.n_tendons])
         forward = self.forward
         if joints.size:
-            forward = self.forward_at(self.task.at_base(tuple(joints.tolist())).arm)
+            forward = self.forward_at(self.problem.at_base(tuple(joints.tolist())).arm)
         strong = is_coupled(self.arm, self.scene) and not has_unique_equilibrium(
             self.arm, self.scene
         )
