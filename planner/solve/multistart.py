@@ -35,9 +35,9 @@ N_EQUAL_OPTIMA = 2
 NEARLY_MET = 1e-6
 # Largest difference of the scaled unknowns of equal optima [-].
 SAME_OPTIMUM = 1e-4
-# Number of steps after which a multistart of two or more descents ends if there is an optimum. A
-# descent has about 40 steps, and one in eight descents after the second improves the optimum.
-MAX_STEPS = 60
+# Number of steps after which a multistart of two or more descents ends if there is an optimum: five
+# descents of about 40 steps.
+MAX_STEPS = 200
 # Largest number of optima that are solved again with a lower bound on the stability.
 MAX_ENFORCED = 4
 _PHASES: dict[Mode, str] = {
@@ -165,8 +165,9 @@ class Multistart:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.
 
         The latter counts if guesses come in the order of effort and the targets are met: the
-        distance of a nearest shape does not depend on this order. If solves are descents, their
-        number of steps is limited, too.
+        distance of a nearest shape does not depend on this order. If solves are descents, one more
+        optimum has to be equal: arms whose loads act first have more local optima, and three of
+        them were equal where the fourth took 10 % less effort. The number of steps is limited, too.
         """
         if self.problem.guesses is not None:
             return False
@@ -177,7 +178,7 @@ class Multistart:
         needs_more = missed or (n_conditions >= POINT and mode == "exact")
         is_by_effort = best < np.inf and n_conditions > POINT
         n_since_best = len(trials) - 1 - objectives.index(best) if is_by_effort else 0
-        is_equal = n_equal_optima(trials) >= N_EQUAL_OPTIMA + needs_more
+        is_equal = n_equal_optima(trials) >= N_EQUAL_OPTIMA + needs_more + descends
         n_steps = sum(trial.iterations for trial in trials)
         if descends and best < np.inf and len(trials) > 1 and n_steps > MAX_STEPS:
             return True
@@ -274,7 +275,7 @@ class Multistart:
         for f, optimum in merge(stable, *streams, key=itemgetter(0)):
             if f > limit or (self.refined and f > self.refined.f):
                 break
-            refined = None if optimum is None else refine(optimum)
+            refined = None if optimum is None else self._refined(optimum)
             if refined is not None:
                 self.refined = min(self.refined or refined, refined, key=attrgetter("f"))
             elif optimum in self.stable:
@@ -284,6 +285,23 @@ class Multistart:
         saving = 1 - float(np.sqrt(lost / self.refined.f)) if lost < self.refined.f else 0.0
         saving = saving if saving > 10 * COARSE_RTOL else 0.0
         return self.refined.result(self.trials, lost=saving)
+
+    def _refined(self, optimum: NlpSolution) -> NlpSolution | None:
+        """Return the refined optimum with the required stability, or None.
+
+        Near folds the stability on finer meshes may be less than on the coarse one. The optimum
+        then counts as unstable, and is solved again with a bound on the stability.
+        """
+        refined = refine(optimum)
+        margin = self.problem.options.margin
+        if refined is None or refined.instance.options.modes or not margin:
+            return refined
+        if refined.instance.is_stable(refined.x, margin):
+            return refined
+        self.stable = [each for each in self.stable if each is not optimum]
+        self.unstable.append(optimum)
+        bounded = next((near for _, near in self._enforce_margin(optimum) if near), None)
+        return None if bounded is None else refine(bounded)
 
     def best_of_more_stable(self) -> Solution | None:
         """Return a result near rejected optima with more stability than required, or None.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import Extension, TipLoad, Weight
+from octoplan.model.effects import ExactTendons, Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.limits import TendonLimits
 from octoplan.planner.planning_problem import NlpOptions, PlanningProblem
@@ -48,6 +49,21 @@ def test_a_margin_is_held_and_costs_effort() -> None:
     assert held.effort > free.effort
     assert "stability, at its margin" in "; ".join(held.holding())
     assert held.shape.stability >= stability + 0.1 - 1e-3
+
+
+@pytest.mark.slow
+def test_a_margin_that_only_the_coarse_mesh_has_is_restored() -> None:
+    """The optimum has the stability 0.1 on the coarse mesh, and 0.084 on the fine one."""
+    arm = replace(ARM, base_frame=((0, -1, 0), (0, 0, 1), (-1, 0, 0)))
+    rng = np.random.default_rng(5030)
+    direction = rng.normal(size=3)
+    force = direction * rng.uniform(0, 0.03) / np.linalg.norm(direction)
+    scene = Scene(ExactTendons(), Extension(), Weight(), TipLoad(tuple(force.tolist())))
+    tensions = rng.uniform(0, 3, 12) * (rng.random(12) < rng.uniform(0.2, 0.9))
+    tip = settle(arm, tensions, scene).tip
+    found = plan(arm, TipPosition(tuple(tip.tolist())), scene, 2.3936)
+    assert found.reached
+    assert found.certificate.stability == pytest.approx(0.1, abs=1e-4)
 
 
 @pytest.mark.slow
