@@ -33,7 +33,7 @@ from octoplan.planner.targets.base import Target
 
 # Share of the time limit that is reserved for shape and certificate until the search has measured
 # the time that the arm takes to settle.
-CONTACT_SHARE = 0.1
+CONTACT_SHARE = 0.25
 
 
 class ContactStrategy(AvoidanceStrategy):

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.newton import STAGES, STEP_TOL
 from octoplan.model.extensions.lengths.winches import PLAIN_WINCHES, WinchSettings
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, estimate
@@ -24,7 +24,7 @@ from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import OutOfTime, limited, report, with_progress
 from octoplan.model.tendons import checked_EA
 from octoplan.planner.extensions.fit.calibration import Calibration
-from octoplan.planner.extensions.fit.experiment import CoarseMeshError, Experiment
+from octoplan.planner.extensions.fit.experiment import LOOSER, CoarseMeshError, Experiment
 from octoplan.planner.extensions.fit.fitted import Start, parameters_of
 from octoplan.planner.extensions.fit.least_squares import Fit, Loss, fit
 from octoplan.planner.extensions.fit.measured import Measured, checked_shapes, crushing_remark
@@ -52,9 +52,9 @@ _STARTS = 8
 # Largest number of fits that restart from shapes settled from rest.
 _ROUNDS = 3
 # Change of a measured number from bound to bound of an unknown, over the arm's length, below which
-# the number does not depend on the unknown. In difference quotients of equilibria that leave their
-# plane by rounding, 1e-13, such changes are up to 3e-6.
-_UNDETERMINED = 1e-5
+# the number does not depend on the unknown. Steps of Newton's method in fits end at 1e-7, where
+# derivatives from bound to bound have errors of up to 3e-6.
+_UNDETERMINED = 100 * LOOSER * STEP_TOL
 _JUMPS = "it jumps to another shape near the values of the optimum"
 # Refinement and number of stages of the meshes, from the first fits to the finest mesh.
 _MESHES = ((1, 2), (2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
