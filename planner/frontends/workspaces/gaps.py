@@ -1,6 +1,6 @@
 """The part of space that is not classified yet: the next targets, and empty balls.
 
-A tip is reachable by its tensions. The nearest attainable tip to a target leaves a ball around the
+A tip is reachable by its tensions. The nearest tip found to a target leaves a ball around the
 target without tips. Known tips and empty balls classify space; the next targets are the points
 outside of all balls that are farthest from the tips.
 """

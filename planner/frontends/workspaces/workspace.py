@@ -51,10 +51,10 @@ def workspace(
 
     Samples are tensions over the box of limits and its faces, which settle. Plans then probe the
     largest gaps between tips: a plan either reaches the target, and the tip fills the gap; or it
-    ends at the nearest attainable tip, which is on the boundary, and the ball around the target is
-    empty. Plans that contradict other tips are searched again in full. Further rounds probe the
-    gaps that are left. Plans are local optima, so that the boundary may omit tips that neither
-    samples nor plans find. Obstacles and contact of the arm with itself are ignored.
+    ends at the nearest tip found, which counts as a point of the boundary, and the ball around the
+    target is empty. Plans that contradict other tips are searched again in full. Further rounds
+    probe the gaps that are left. Plans are local optima, so that the boundary may omit tips that
+    neither samples nor plans find. Obstacles and contact of the arm with itself are ignored.
 
     Results do not depend on the number of workers or on interruptions; see `sweep`. An interrupted
     workspace with `out` computes the missing chunks when started again.
